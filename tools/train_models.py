@@ -1,10 +1,9 @@
 """Train the models that ship with the package, on synthetic data alone.
 
-    python tools/train_models.py [NAME ...] [--work FOLDER] [--workers 2]
-    python tools/train_models.py --tracks --work FOLDER
+    python tools/train_models.py --work FOLDER [--workers 2] [--tracks]
 
-Needs ``pip install 'doppelgait[torch]'`` and 20 minutes of two cores; no recording is used. Written are the model files
-and cards of the package. With ``--tracks`` one network of tracks is trained for all radars (some 4 hours).
+Needs ``pip install 'doppelgait[torch]'`` and 20 minutes of two cores; ``--tracks`` trains one network of tracks for all
+radars, some 4 hours. Written are the model files and cards of the package.
 """
 
 from __future__ import annotations
@@ -14,13 +13,12 @@ import json
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from doppelgait.classify.data import collect_inputs, collect_rows
-from doppelgait.classify.evaluation import Fold, describe_model, evaluate, hold_back_in_turn
+from doppelgait.classify.evaluation import Fold, describe_model, evaluate, hold_back
 from doppelgait.classify.learned import LabelledRows, TrackNetwork
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import load_shipped_model, read_model_cards, save_model
@@ -104,41 +102,37 @@ def train_tracks(work: Path, workers: int | None) -> None:
         datasets.append(open_dataset(target))
     rows = collect_rows(*datasets)
     table, of_radar = collect_inputs(rows, "track"), np.array([plan[0] for plan in plans])[rows.origin]
-    everything, n_classes = np.arange(len(rows)), len(rows.classes)
-    answers = np.full((len(rows), n_classes), np.nan)
+    everything, answers = np.arange(len(rows)), np.full((len(rows), len(rows.classes)), np.nan)
 
     def fit(part: Any) -> TrackNetwork:
         known, none = (LabelledRows(table.values[some], rows.labels[some]) for some in (part, part[:0]))
-        return train_track_network(known, none, n_classes=n_classes, seed=0)
+        return train_track_network(known, none, n_classes=answers.shape[1], seed=0)
 
-    for part, held in islice(hold_back_in_turn(rows, everything, 0), N_TURNS):
+    for part, held in islice(hold_back(rows, everything, 0), N_TURNS):
         answers[held] = fit(part).log_probability(table.values[held])
     network = fit(everything)
     for name in RECORDINGS:
         own = np.flatnonzero(of_radar == name)
         held = own[np.isfinite(answers[own, 0])]
-        fold = Fold(name, own, held, own[:0])
-        track = describe_model(rows, table, "track-network", fold, network, seed=0, answers=answers[held])
-        known = {"datasets": [each.description["id"] for each in datasets], **describe(track)}
-        write(replace(load_shipped_model(name), track=track), read_model_cards()[name] | {"track": known})
+        parts, known = Fold(name, own, held, own[:0]), answers[held]
+        track = describe_model(rows, table, "track-network", parts, network, seed=0, answers=known)
+        card = {"track": {"datasets": [each.description["id"] for each in datasets], **describe(track)}}
+        write(replace(load_shipped_model(name), track=track), read_model_cards()[name] | card)
 
 
 def main() -> None:
     """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", default=list(RECORDINGS), help=f"of {', '.join(RECORDINGS)}")
-    parser.add_argument("--work", type=Path, help="folder that keeps the datasets")
+    parser.add_argument("--work", type=Path, required=True, help="folder that keeps the datasets")
     parser.add_argument("--workers", type=int)
     parser.add_argument("--tracks", action="store_true", help="train the network of tracks alone")
     options = parser.parse_args()
-    with TemporaryDirectory() as scratch:
-        if options.tracks:
-            train_tracks(options.work or Path(scratch), options.workers)
-            return
-        for name in options.names:
-            target = (options.work or Path(scratch)) / f"shipped-{name}-{WINDOWS[name]}"
-            build_dataset(plan_of(name, WINDOWS[name]), target, workers=options.workers, max_failed_share=0.02)
-            train(open_dataset(target), name)
+    if options.tracks:
+        train_tracks(options.work, options.workers)
+    for name in WINDOWS if not options.tracks else ():
+        target = options.work / f"shipped-{name}-{WINDOWS[name]}"
+        build_dataset(plan_of(name, WINDOWS[name]), target, workers=options.workers, max_failed_share=0.02)
+        train(open_dataset(target), name)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from doppelgait.classify import scorer
-from doppelgait.classify.export.write import export_model
+from doppelgait.classify.export import export_model
 from doppelgait.classify.learned import Constant
 from doppelgait.classify.model_file import MODEL
 from doppelgait.classify.scorer import Scorer

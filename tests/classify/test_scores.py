@@ -19,9 +19,7 @@ def test_against_sklearn():
     assert scores.balanced_accuracy(labels, guesses == labels, 3) == pytest.approx(
         metrics.balanced_accuracy_score(labels, guesses)
     )
-    recalls = scores.compute_recalls(labels, guesses == labels, 4)
-    assert recalls[:3] == pytest.approx(metrics.recall_score(labels, guesses, average=None))
-    assert np.isnan(recalls[3])
+    assert np.isnan(scores.balanced_accuracy(labels, guesses == labels, 4))
     for positive, weight in ((labels == 1, None), (labels == 1, weights)):
         expected = metrics.roc_auc_score(positive, probability[:, 1], sample_weight=weight)
         assert scores.auc(probability[:, 1], positive, weight) == pytest.approx(expected)

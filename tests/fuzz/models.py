@@ -60,7 +60,7 @@ def run_model(folder: Path) -> None:
     assert np.isfinite(probability).all(), "probabilities are not finite"
     assert np.allclose(probability.sum(axis=1), 1.0), "probabilities do not sum to 1"
     assert np.isfinite(model.rank(values)).all(), "ranks are not finite"
-    model.describe_outside(values[0])
+    model.describe_outside(values[:1])
 
 
 TARGETS = {"model": Target(model_seeds, run_model)}

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from doppelgait.classify.scorer import covering
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import SIGNATURE, make_array
-from doppelgait.processing.patches import Patch, cut, cut_pictures, levels, patch
+from doppelgait.processing.patches import Patch, cut, levels, patch
 
 SPEC = Patch()
 
@@ -88,10 +89,10 @@ def test_a_quiet_simulation_shows_40_db():
 def test_short_and_long_recordings():
     short, long = levels(of_body(seconds=0.8)), levels(of_body(seconds=9.0))
     assert short.shape[1] == 25
-    patches = cut_pictures(short, SPEC)
+    patches = covering(short, vars(SPEC))
     assert patches.shape == (1, 64, 64)
     assert not patches[0, :, :19].any()
-    patches = cut_pictures(long, SPEC)
+    patches = covering(long, vars(SPEC))
     assert len(patches) == 1 + -(-2 * (288 - 64) // 64)
     assert np.array_equal(patches[0], long[:, :64])
     assert np.array_equal(patches[-1], long[:, -64:])

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from doppelgait.classify.learned import Ensemble, LabelledRows, Network, Seen, TrackNetwork, join_inputs
+from doppelgait.classify.learned import Ensemble, LabelledRows, Network, Seen, TrackNetwork, join_inputs, list_arrays
 from doppelgait.classify.model import ECHOES, WIDEST, Calibration, Facts, Model
 from doppelgait.classify.network import train_track_network
+from doppelgait.classify.scorer import covering, of_pictures
 from doppelgait.classify.training import train_boosting, train_logistic
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.processing.patches import N_CELLS, N_COLUMNS, N_SLICES, Patch, cut_pictures
+from doppelgait.processing.patches import N_CELLS, N_COLUMNS, N_SLICES, Patch
 
 NAMES = (
     "torso_speed_mps", "doppler_bandwidth_mps", "step_length_m", "harmonic_ratio_2", "harmonic_ratio_3",
@@ -52,7 +53,7 @@ def random_network(rng: np.random.Generator, n_classes: int, patch: Patch, chann
     weight = rng.normal(0.0, 2.0, (n_classes, n_in)).astype(np.float32)
     found = Network(tuple(kernels), tuple(scales), tuple(biases), weight, np.zeros(n_classes, np.float32), patch)
     # scores of pictures then differ by as much as those of a trained network
-    scores = found.classify_pictures(np.stack([random_levels(rng, patch, patch.n_time) for _ in range(40)]))
+    scores = of_pictures(list_arrays(found), np.stack([random_levels(rng, patch, patch.n_time) for _ in range(40)]))
     scores -= scores.mean(axis=1, keepdims=True)
     factor = 1.5 / scores.std(axis=0).mean()
     bias = (-factor * scores.mean(axis=0)).astype(np.float32)
@@ -175,8 +176,8 @@ def pictures_of(model: Model, levels: np.ndarray) -> np.ndarray:
     """Pictures (n, m, n_velocity, n_time) of levels of one length, NaN for unknown ones."""
     patch = network_of(model).patch
     known = next(whole for whole in levels if whole is not None)
-    unknown = np.full((len(cut_pictures(known, patch)), patch.n_velocity, patch.n_time), np.nan, np.float32)
-    return np.stack([unknown if whole is None else cut_pictures(whole, patch) for whole in levels])
+    unknown = np.full((len(covering(known, vars(patch))), patch.n_velocity, patch.n_time), np.nan, np.float32)
+    return np.stack([unknown if whole is None else covering(whole, vars(patch)) for whole in levels])
 
 
 def require(found: object, what: str) -> None:

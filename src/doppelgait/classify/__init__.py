@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any
 
 _HOME = {
-    "CSettings": ".export.c_code",
+    "CSettings": ".c_code",
     "Decision": ".decide",
     "Evaluation": ".evaluation",
     "Model": ".model",
@@ -16,7 +16,7 @@ _HOME = {
     "classify": ".decide",
     "classify_over_time": ".timeline",
     "evaluate": ".evaluation",
-    "export_model": ".export.write",
+    "export_model": ".export",
     "find_shipped_model": ".model_file",
     "levels": "..processing.patches",
     "load_model": ".model_file",

@@ -1,11 +1,11 @@
 """What type checkers and editors know of ``doppelgait.classify``: the names that are imported on first use."""
 
+from doppelgait.classify.c_code import CSettings as CSettings
 from doppelgait.classify.decide import Decision as Decision
 from doppelgait.classify.decide import classify as classify
 from doppelgait.classify.evaluation import Evaluation as Evaluation
 from doppelgait.classify.evaluation import evaluate as evaluate
-from doppelgait.classify.export.c_code import CSettings as CSettings
-from doppelgait.classify.export.write import export_model as export_model
+from doppelgait.classify.export import export_model as export_model
 from doppelgait.classify.model import Model as Model
 from doppelgait.classify.model_file import find_shipped_model as find_shipped_model
 from doppelgait.classify.model_file import load_model as load_model

@@ -7,7 +7,6 @@ suffice to fit them.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -16,9 +15,16 @@ import numpy as np
 
 from doppelgait.classify import scores
 from doppelgait.classify.data import Rows, take_rows
-from doppelgait.classify.learned import FloatArray, Inputs, IntArray
-from doppelgait.classify.model import Calibration, Model, blocked_rows, conditions_of_rows, mark_outside, row_weights
-from doppelgait.classify.scorer import log_softmax
+from doppelgait.classify.learned import Inputs, IntArray
+from doppelgait.classify.model import (
+    Calibration,
+    Model,
+    blocked_rows,
+    conditions_of_rows,
+    fit_calibration,
+    mark_outside,
+    row_weights,
+)
 from doppelgait.core.errors import DatasetError
 
 COUNTS = (0, 1, 2, 5, 10, 20)  # numbers of recordings per class in the curve of score_adaptation
@@ -39,63 +45,47 @@ def adapt(model: Model, values: Inputs, labels: IntArray, recordings: scores.Gro
         raise DatasetError(
             f"own recordings contain no {', '.join(missing)}; add some of every class ({', '.join(classes)})"
         )
-    from scipy.optimize import minimize
-
     _, number, counts = np.unique(recordings, return_inverse=True, return_counts=True)
     share = 1.0 / counts[number]  # over each recording these sum to 1
     of_class = np.bincount(labels, weights=share, minlength=len(classes))
     weights = share * of_class.sum() / (len(classes) * of_class[labels])
     log_p = np.log(np.maximum(model.probability(values), 1e-12))
-
-    def loss(parameters: FloatArray) -> float:
-        log_slope, shift = parameters[0], parameters[1:]
-        prior = (log_slope / SLOPE_SD) ** 2 + ((shift / SHIFT_SD) ** 2).sum()
-        answers = log_softmax(np.exp(log_slope) * log_p + np.append(0.0, shift))
-        return float(prior / 2.0 - (weights * answers[np.arange(labels.size), labels]).sum())
-
-    # slope and shift of maximum posterior probability after the model's calibration: p' = softmax(slope log p + shift)
-    log_slope, *shift = minimize(loss, np.zeros(log_p.shape[1]), method="L-BFGS-B").x
-    slope, before, facts = float(np.exp(log_slope)), model.calibration, model.facts
-    moved = slope * before.shift + np.append(0.0, shift)
+    targets = weights[:, None] * np.eye(len(classes))[labels]
+    moved = fit_calibration(log_p, targets, SLOPE_SD, SHIFT_SD)
+    before, facts = model.calibration, model.facts
     threshold = facts.alarm_threshold
     if threshold is not None and facts.alarm is not None:
-        towards = float(shift[0]) * (1.0 if facts.classes.index(facts.alarm) else -1.0)
-        limited = min(max(threshold, 1e-12), 1.0 - 1e-12)
-        odds = slope * math.log(limited / (1.0 - limited)) + towards
-        threshold = 1.0 / (1.0 + math.exp(-odds)) if len(facts.classes) == 2 else None
+        asked = np.where(np.array(classes) == facts.alarm, threshold, 1.0 - threshold)
+        found = moved(np.log(np.maximum(asked[None], 1e-12)))[0, classes.index(facts.alarm)]
+        threshold = float(found) if len(classes) == 2 else None
     facts = facts.model_copy(update={"n_own": facts.n_own + len(log_p), "alarm_threshold": threshold})
-    calibration = Calibration(slope * before.slope, moved - moved[0], before.n_rows)
+    shift = moved.slope * before.shift + moved.shift
+    calibration = Calibration(moved.slope * before.slope, shift, before.n_rows)
     return replace(model, calibration=calibration, facts=facts)
 
 
 def list_row_recordings(rows: Rows) -> scores.Groups:
     """Return every row's recording, its id where unnamed."""
     ids = rows.index["id"].astype(str)
-    named = rows.index["recording"].fillna("").astype(str) if "recording" in rows.index else ids
+    named = rows.index.get("recording", ids).fillna("").astype(str)
     return named.where(named != "", ids).to_numpy(dtype=str)
 
 
 def sample_own_rows(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntArray, IntArray] | None:
     """Sample n recordings of each class to adapt to."""
-    names = list_row_recordings(rows)
-    own: list[int] = []
+    names, own = list_row_recordings(rows), list[int]()
     for number in range(len(rows.classes)):
         candidates = np.flatnonzero(rows.labels == number)
         # sample by target, so that as many targets as possible remain to score
-        targets = rng.permutation(np.unique(rows.groups[candidates]))
-        ordered = [
-            name
-            for target in targets
-            for name in rng.permutation(np.unique(names[candidates][rows.groups[candidates] == target]))
-        ]
+        ordered = list[str]()
+        for target in rng.permutation(np.unique(rows.groups[candidates])):
+            ordered += rng.permutation(np.unique(names[candidates][rows.groups[candidates] == target])).tolist()
         if len(ordered) < n:
             return None
         own += candidates[np.isin(names[candidates], ordered[:n])].tolist()
     sampled = np.array(sorted(own), dtype=np.int64)
     scored = np.flatnonzero(~np.isin(rows.groups, rows.groups[sampled]))
-    if np.unique(rows.labels[scored]).size < len(rows.classes):
-        return None
-    return sampled, scored
+    return (sampled, scored) if np.unique(rows.labels[scored]).size == len(rows.classes) else None
 
 
 def score_adaptation(
@@ -116,12 +106,13 @@ def score_adaptation(
             accuracies = [scores.balanced_accuracy(labels, each, count) for each in right]
             draws.append([*accuracies, np.unique(rows.groups[scored]).size])
             answers.append((found[0].max(axis=1), right[0], row_weights(labels, count)))
-        accuracy, before, n_targets = np.mean(draws, axis=0).tolist()
-        low, high = np.quantile([draw[0] for draw in draws], (0.1, 0.9)).tolist()
+        means = np.mean(draws, axis=0).tolist()
+        spread = np.quantile(draws, (0.1, 0.9), axis=0)[:, 0].tolist()
         sure, hits, weights = (np.concatenate(part) for part in zip(*answers, strict=True))
         bins = scores.bin_reliability(sure, hits, weights, 1.0 / count)
-        point = {"n": n, "balanced_accuracy": accuracy, "low": low, "high": high, "before": before}
-        point |= {"movers": n_targets, "reliability": bins}
+        names = ("balanced_accuracy", "low", "high", "before", "movers")
+        numbers = dict(zip(names, [means[0], *spread, *means[1:]], strict=True))
+        point = {"n": n, **numbers, "reliability": bins}
         curve.append(point | {"expected_calibration_error": scores.expected_calibration_error(bins)})
     return curve
 
@@ -130,13 +121,11 @@ def adapt_to_rows(
     model: Model, rows: Rows, values: Inputs, *, seed: int = 0
 ) -> tuple[Model, list[dict[str, Any]], list[str]]:
     """Adapt a model to own rows, with the curve of its scores and remarks."""
-    notes = []
-    if (blocked := blocked_rows(rows, values, model)).any():
-        outside = {
-            name: int(mark_outside(found, name, model.facts.conditions).sum())
-            for name, found in conditions_of_rows(rows).items()
-        }
-        worst = ", ".join(f"{name} outside the training range in {count}" for name, count in outside.items() if count)
+    notes, blocked = [], blocked_rows(rows, values, model)
+    if blocked.any():
+        found, trained = conditions_of_rows(rows), model.facts.conditions
+        counts = {name: int(mark_outside(each, name, trained).sum()) for name, each in found.items()}
+        worst = ", ".join(f"{name} outside the training range in {count}" for name, count in counts.items() if count)
         notes.append(
             f"{int(blocked.sum())} of {len(rows)} own rows are not used, because the model makes no decision on them"
             + (f" ({worst})" if worst else "")

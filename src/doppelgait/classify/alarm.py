@@ -9,13 +9,15 @@ succession that reach the threshold, and stays.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+import pandas as pd
 
 from doppelgait.classify.data import all_rows, list_windows
 from doppelgait.classify.learned import Seen, find_windows_before
@@ -60,12 +62,7 @@ def load_day(plan: str | Path | None = None, repeats: int | None = None) -> tupl
 
 
 def run_day(
-    day: PlanConfig,
-    model: Model,
-    *,
-    folder: Path | None = None,
-    directory: Path | None = None,
-    on_progress: Callable[[int, int], None] | None = None,
+    day: PlanConfig, model: Model, *, folder: Path | None = None, directory: Path | None = None, on_progress: Any = None
 ) -> list[Episode]:
     """Simulate a day as a dataset of windows, and classify it."""
     with TemporaryDirectory() as scratch:
@@ -75,12 +72,7 @@ def run_day(
 
 
 def build_day(
-    day: PlanConfig,
-    model: Model,
-    directory: Path,
-    *,
-    folder: Path | None = None,
-    on_progress: Callable[[int, int], None] | None = None,
+    day: PlanConfig, model: Model, directory: Path, *, folder: Path | None = None, on_progress: Any = None
 ) -> Dataset:
     """Build the dataset of a day for the windows of a model."""
     facts = model.of_tracks.facts
@@ -91,8 +83,8 @@ def build_day(
         )
     window_s, hop_s = check_window(None, None, model)
     plan = day.model_dump(mode="python")
-    plan["dataset"] |= {"window_s": window_s, "hop_s": hop_s}
-    plan["dataset"]["fields"] = ["pictures" if facts.features == "track" else "signature"]
+    fields = ["pictures" if facts.features == "track" else "signature"]
+    plan["dataset"] |= {"window_s": window_s, "hop_s": hop_s, "fields": fields}
     plan["analysis"] = facts.analysis
     build_dataset(validate(PlanConfig, plan, where=day.dataset.name), directory, folder=folder, on_progress=on_progress)
     return open_dataset(directory)
@@ -100,20 +92,18 @@ def build_day(
 
 def answer_day(dataset: Dataset, probability: FloatArray) -> list[Episode]:
     """Collect a classifier's answers (n,) to a dataset of episodes."""
-    labels = {
-        make_example_id(section.label, 0).rpartition("-")[0]: section.label for section in dataset.plan_config.episodes
-    }
-    seen, scenes = list_windows(all_rows(dataset, ())), dataset.index["scene_id"].to_numpy(dtype=str)
-    confirmed, tracks = confirm(probability, seen), dict[str, dict[int, list[int]]]()
-    for number, (scene, one) in enumerate(zip(scenes.tolist(), seen, strict=True)):
-        own = tracks.setdefault(scene, {})
-        if np.isfinite(probability[number]):
-            own.setdefault(one.track, []).append(number)
+    sections = dataset.plan_config.episodes
+    labels = {make_example_id(one.label, 0).rpartition("-")[0]: one.label for one in sections}
+    seen = list_windows(all_rows(dataset, ()))
+    table = pd.DataFrame({"scene": dataset.index["scene_id"], "track": [one.track for one in seen]})
+    table = table.assign(stop_s=[one.stop_s for one in seen], score=confirm(probability, seen))
     episodes = []
-    for scene, found in tracks.items():
-        ordered = {track: sorted(own, key=lambda n: seen[n].stop_s) for track, own in found.items()}
-        times = {track: (np.array([seen[n].stop_s for n in own]), confirmed[own]) for track, own in ordered.items()}
-        episodes.append(Episode(labels[scene.rpartition("-")[0]], times))
+    for scene, own in table.groupby("scene", sort=False):
+        kept = own[np.isfinite(probability[own.index])].sort_values("stop_s", kind="stable")
+        tracks: Any = {
+            track: (one["stop_s"].to_numpy(), one["score"].to_numpy()) for track, one in kept.groupby("track")
+        }
+        episodes.append(Episode(labels[str(scene).rpartition("-")[0]], tracks))
     return episodes
 
 
@@ -128,99 +118,86 @@ def confirm(probability: FloatArray, seen: Sequence[Seen]) -> FloatArray:
 
 def score_day(day: PlanConfig, episodes: Sequence[Episode], model: Model) -> dict[str, Any]:
     """Score the alarm over a day, by threshold."""
-    own = model.of_tracks.facts.alarm_threshold
+    facts = model.of_tracks.facts
+    own = facts.alarm_threshold
     chosen = sorted({*THRESHOLDS, *(() if own is None else (own,))})
-    return {
-        "day": day.dataset.name,
-        "alarm": model.of_tracks.facts.alarm,
-        "repeats": day.dataset.examples_per_class,
-        "thresholds": [
-            score_at_threshold(day, episodes, threshold) | {"model": threshold == own} for threshold in chosen
-        ],
-    }
+    scores = [score_at_threshold(day, episodes, each) | {"model": each == own} for each in chosen]
+    repeats = day.dataset.examples_per_class
+    return {"day": day.dataset.name, "alarm": facts.alarm, "repeats": repeats, "thresholds": scores}
 
 
 def score_at_threshold(day: PlanConfig, episodes: Sequence[Episode], threshold: float) -> dict[str, Any]:
     """Score the alarm over a day at a threshold of its probability."""
-    by_label: dict[str, list[FloatArray]] = {}
-    for one in episodes:
-        by_label.setdefault(one.label, []).append(one.find_triggers(threshold))
-    counts, per_day, per_animal, kinds, first_s = [], [], [], [], []
+    kinds, first_s = [], list[float]()
+    false, animal = list[tuple[int, float]](), list[tuple[int, float]]()  # counts and their weights
+    animal_hours = sum(s.animals * s.hours_per_day for s in day.episodes if not s.should_trigger)
     for section in day.episodes:
-        times = by_label[section.label]
-        hours, count = len(times) * section.duration_s / 3600.0, sum(each.size for each in times)
+        times = [one.find_triggers(threshold) for one in episodes if one.label == section.label]
+        hours, sizes = len(times) * section.duration_s / 3600.0, [each.size for each in times]
         kinds.append(
             {
                 "label": section.label,
                 "hours": hours,
                 "recordings": len(times),
-                "triggered": sum(each.size > 0 for each in times),
-                "per_hour": count / hours,
+                "triggered": int(np.count_nonzero(sizes)),
+                "per_hour": sum(sizes) / hours,
                 "should_trigger": section.should_trigger,
             }
         )
         if section.should_trigger:
             first_s += [float(each[0]) if each.size else math.inf for each in times]
-        else:
-            counts += [each.size for each in times]
-            per_day += [section.hours_per_day / hours] * len(times)
-            per_animal += [section.hours_per_day / hours if section.animals else 0.0] * len(times)
-    animal_hours = sum(s.animals * s.hours_per_day for s in day.episodes if not s.should_trigger)
-    entries, missed = len(first_s), sum(math.isinf(each) for each in first_s)
+            continue
+        false += [(size, section.hours_per_day / hours) for size in sizes]
+        if section.animals:
+            animal += [(size, section.hours_per_day / hours / animal_hours) for size in sizes]
+    entries, missed = len(first_s), sum(map(math.isinf, first_s))
     found: dict[str, Any] = {
         "threshold": threshold,
-        "false_per_day": estimate_weighted_count(counts, per_day),
+        "false_per_day": estimate_weighted_count(*np.reshape(false, (-1, 2)).T),
         "entries": entries,
         "missed": missed,
         "seconds_to_detect": None,
         "by_episode": kinds,
     }
     if entries:
-        reached = np.quantile(first_s, (0.5, 0.9), method="inverted_cdf")
-        found["seconds_to_detect"] = [float(each) if math.isfinite(each) else None for each in reached]
+        reached = np.quantile(first_s, (0.5, 0.9), method="inverted_cdf").tolist()
+        found["seconds_to_detect"] = [each if math.isfinite(each) else None for each in reached]
         found["missed_low"], found["missed_high"] = clopper_pearson_interval(float(missed), entries)
-    if animal_hours:
-        with_animals = [number for number, weight in enumerate(per_animal) if weight]
-        found["false_per_animal_hour"] = estimate_weighted_count(
-            [counts[number] for number in with_animals], [per_animal[number] / animal_hours for number in with_animals]
-        )
+    if animal:
+        found["false_per_animal_hour"] = estimate_weighted_count(*np.transpose(animal))
     return found
 
 
-def estimate_weighted_count(counts: Sequence[int], weights: Sequence[float], share: float = 0.95) -> dict[str, float]:
-    """Return a weighted sum of counts with its interval.
+def estimate_weighted_count(counts: npt.ArrayLike, weights: npt.ArrayLike) -> dict[str, float]:
+    """Return a weighted sum of counts with its interval of 95 %.
     The interval is the gamma approximation of Fay and Feuer (Statistics in Medicine 16, 1997),
     exact for counts of 0 and 1 and equal weights.
     """
     from scipy.stats import gamma
 
-    if not len(counts):
-        return {"value": 0.0, "low": 0.0, "high": math.inf}
     n, w = np.asarray(counts, dtype=np.float64), np.asarray(weights, dtype=np.float64)
+    if not n.size:
+        return {"value": 0.0, "low": 0.0, "high": math.inf}
     total, variance, most = float(n @ w), float(n**2 @ w**2), float(w.max())
-    tail = (1.0 - share) / 2.0
-    low = 0.0 if total == 0 else float(gamma.ppf(tail, total**2 / variance, scale=variance / total))
-    upper_mean, upper_variance = total + most, variance + most**2
-    scale = upper_variance / upper_mean
-    return {"value": total, "low": low, "high": float(gamma.isf(tail, upper_mean / scale, scale=scale))}
+    low = float(gamma.ppf(0.025, total**2 / variance, scale=variance / total)) if total else 0.0
+    mean, scale = total + most, (variance + most**2) / (total + most)
+    return {"value": total, "low": low, "high": float(gamma.isf(0.025, mean / scale, scale=scale))}
 
 
 def format_day(found: Mapping[str, Any]) -> list[dict[str, str]]:
     """Format the scores of a day, a row per threshold."""
     rows = []
     for one in found["thresholds"]:
-        seconds = one["seconds_to_detect"]
-        animal = one.get("false_per_animal_hour")
+        found_s = one["seconds_to_detect"] or ()
+        seconds = ["more" if each is None else f"{each:.1f}" for each in found_s]
+        shares = " ({missed_low:.0%} to {missed_high:.0%})".format(**one) if one["entries"] else ""
         rows.append(
             {
                 "threshold": f"{one['threshold']:.4g}" + (" (the model's)" if one["model"] else ""),
-                "false triggers a day": _format_interval(one["false_per_day"]),
-                "per animal-hour": "-" if animal is None else _format_interval(animal),
-                "missed entries": f"{one['missed']} of {one['entries']}"
-                + (f" ({one['missed_low']:.0%} to {one['missed_high']:.0%})" if one["entries"] else ""),
-                "time to detect (s)": "-"
-                if seconds is None
-                else f"{_format_seconds(seconds[0])}, 90 % in {_format_seconds(seconds[1])}",
+                "false triggers a day": _format_rate(one["false_per_day"]),
+                "per animal-hour": _format_rate(one.get("false_per_animal_hour")),
+                "missed entries": f"{one['missed']} of {one['entries']}{shares}",
+                "time to detect (s)": ", 90 % in ".join(seconds) or "-",
             }
         )
     return rows
@@ -228,23 +205,20 @@ def format_day(found: Mapping[str, Any]) -> list[dict[str, str]]:
 
 def format_episodes(found: Mapping[str, Any]) -> list[dict[str, str]]:
     """Format recordings that triggered, by kind."""
-    rows = []
-    for number, kind in enumerate(found["thresholds"][0]["by_episode"]):
-        row = {
-            "episode": kind["label"],
-            "should trigger": "yes" if kind["should_trigger"] else "no",
-            "recordings": str(kind["recordings"]),
+    names = [f"at {one['threshold']:.4g}" for one in found["thresholds"]]
+    return [
+        {
+            "episode": kinds[0]["label"],
+            "should trigger": "yes" if kinds[0]["should_trigger"] else "no",
+            "recordings": str(kinds[0]["recordings"]),
+            **{name: str(kind["triggered"]) for name, kind in zip(names, kinds, strict=True)},
         }
-        for one in found["thresholds"]:
-            row[f"at {one['threshold']:.4g}"] = str(one["by_episode"][number]["triggered"])
-        rows.append(row)
-    return rows
+        for kinds in zip(*(one["by_episode"] for one in found["thresholds"]), strict=True)
+    ]
 
 
-def _format_seconds(value: float | None) -> str:
-    return "more" if value is None else f"{value:.1f}"
-
-
-def _format_interval(found: Mapping[str, float]) -> str:
+def _format_rate(found: Mapping[str, float] | None) -> str:
+    if found is None:
+        return "-"
     digits = 1 if not math.isfinite(found["value"]) or found["high"] >= 10 else 2
     return f"{found['value']:.{digits}f} ({found['low']:.{digits}f} to {found['high']:.{digits}f})"

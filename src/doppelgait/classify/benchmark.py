@@ -175,7 +175,7 @@ def train_baseline(name: str, train: Dataset) -> tuple[Learned, Calibration]:
     """Train a baseline on single windows."""
     rows, (measure, trainer) = collect_rows(train), BASELINES[name]
     values = measure(rows)
-    sides = hold_back(rows, np.arange(len(rows)), 0)
+    sides = next(hold_back(rows, np.arange(len(rows)), 0))
     parts = [LabelledRows(values[side], rows.labels[side]) for side in sides]
     learned = fit(find_kind(trainer), *parts, n_classes=len(rows.classes), seed=0)
     return learned, calibrate(learned.log_probability(parts[1].values), parts[1].labels)
@@ -203,16 +203,6 @@ def _measure_stored(rows: Rows, field: str, measure: Callable[[Any], FloatArray]
     return found
 
 
-def _measure_numbers(rows: Rows) -> FloatArray:
-    return _measure_stored(rows, "ti_frames", lambda values: measure_windows(values)[0], 8)
-
-
-def _measure_brightness(rows: Rows) -> FloatArray:
-    # six order statistics of the levels, which show no gait
-    shares = np.array([0.1, 0.25, 0.5, 0.75, 0.9, 0.99])
-    return _measure_stored(rows, "pictures", lambda values: np.quantile(values, shares), shares.size)
-
-
 def _cut_spectrograms(rows: Rows) -> Inputs:
     found = np.empty(len(rows), dtype=object)
     for number, seen in enumerate(collect_inputs(rows, "track").values[:, -1]):
@@ -222,16 +212,19 @@ def _cut_spectrograms(rows: Rows) -> Inputs:
 
 
 BASELINES: Mapping[str, tuple[Callable[[Rows], Inputs], str]] = {
-    "brightness": (_measure_brightness, "extended-boosting"),
-    "four-numbers": (_measure_numbers, "extended-boosting"),
+    "brightness": (  # six order statistics of the levels, which show no gait
+        lambda rows: _measure_stored(rows, "pictures", lambda v: np.quantile(v, (0.1, 0.25, 0.5, 0.75, 0.9, 0.99)), 6),
+        "extended-boosting",
+    ),
+    "four-numbers": (
+        lambda rows: _measure_stored(rows, "ti_frames", lambda values: measure_windows(values)[0], 8),
+        "extended-boosting",
+    ),
     "six-features": (lambda rows: collect_inputs(rows, "six").values, "extended-boosting"),
     "spectrogram": (_cut_spectrograms, "signature-network"),
     "track": (lambda rows: collect_inputs(rows, "track").values, "track-network"),
 }
 """Baselines: what they measure in a window, and how they are trained on ``train``."""
-
-
-# Tables --------------------------------------------------------------------------------------------------------------
 
 
 def format_scores(name: str, scores: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:

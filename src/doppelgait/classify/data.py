@@ -25,13 +25,11 @@ from doppelgait.dataset.verify.leakage import collect_nuisances
 from doppelgait.processing.patches import Patch, levels_of
 
 VELOCITY = "torso_velocity_mps"
-SPEED = "torso_speed_mps"
-"""Models use the torso's speed, so approaching and receding targets are equivalent."""
+SPEED = "torso_speed_mps"  # so that approaching and receding targets are equivalent
 BANDWIDTH = "doppler_bandwidth_hz"
-WIDTH = "doppler_bandwidth_mps"
+WIDTH = "doppler_bandwidth_mps"  # as a radial velocity, independent of the carrier
 ENVELOPE = "extended_doppler_bandwidth_envelope_hz"
 ENVELOPE_WIDTH = "extended_doppler_bandwidth_envelope_mps"
-"""Models use Doppler bandwidths as radial velocities, independent of the carrier."""
 
 ALARM_CLASS = "human"  # class of the alarm by default
 SHARED = "gates_overlap"  # flag of a gate with another body
@@ -105,9 +103,12 @@ def mark_shared(index: pd.DataFrame) -> npt.NDArray[np.bool_]:
     return np.array([SHARED in text.split(";") for text in index["quality_flags"].fillna("")], dtype=bool)
 
 
-def all_rows(dataset: Dataset, classes: tuple[str, ...]) -> Rows:
-    """Collect all rows of a dataset for a model of some classes, without labels."""
-    return _number_rows(dataset, dataset.index, classes)
+def all_rows(dataset: Dataset, classes: tuple[str, ...], index: pd.DataFrame | None = None) -> Rows:
+    """Collect all rows of a dataset, or some, for a model of some classes, without labels."""
+    index = dataset.index if index is None else index
+    place, nothing = index.index.to_numpy(dtype=np.int64), np.zeros(len(index), dtype=np.int64)
+    groups = index["group" if "group" in index else "subject"].to_numpy(dtype=str)
+    return Rows((dataset,), index.reset_index(drop=True), nothing, place, classes, nothing, groups)
 
 
 def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
@@ -118,13 +119,7 @@ def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
             f"--unknown {dataset.directory}: has only the classes {', '.join(known.classes)}, "
             "which the models are trained on"
         )
-    return _number_rows(dataset, index, known.classes)
-
-
-def _number_rows(dataset: Dataset, index: pd.DataFrame, classes: tuple[str, ...]) -> Rows:
-    place, nothing = index.index.to_numpy(dtype=np.int64), np.zeros(len(index), dtype=np.int64)
-    groups = index["group" if "group" in index else "subject"].to_numpy(dtype=str)
-    return Rows((dataset,), index.reset_index(drop=True), nothing, place, classes, nothing, groups)
+    return all_rows(dataset, known.classes, index)
 
 
 def collect_inputs(
@@ -143,8 +138,14 @@ def collect_inputs(
         both = [collect_inputs(rows, part, patch=patch) for part in features.split("+")]
         return Table(join_inputs(both[0].values, both[1].values), both[0].names)
     if features == "track":
-        table = collect_inputs(rows, "extended")
-        return Table(join_inputs(table.values, _collect_windows(rows)), table.names)
+        for part in rows.datasets:
+            part.check_fields(["pictures"])
+        table, windows = collect_inputs(rows, "extended"), np.empty(len(rows), dtype=object)
+        for number, (one, origin, place) in enumerate(zip(list_windows(rows), rows.origin, rows.place, strict=True)):
+            raise_if_stopped()
+            pictures = rows.datasets[origin].stored(int(place), "pictures")
+            windows[number] = one._replace(pictures=None if pictures is None or not pictures.size else pictures)
+        return Table(join_inputs(table.values, windows), table.names)
     if features == "nothing":
         return Table(np.zeros((len(rows), 0)), ())
     if features == "nuisance":
@@ -167,17 +168,6 @@ def collect_inputs(
     if features == "speed":
         values = {SPEED: values[SPEED]}
     return Table(np.column_stack(list(values.values())), tuple(values))
-
-
-def _collect_windows(rows: Rows) -> npt.NDArray[np.object_]:
-    for dataset in rows.datasets:
-        dataset.check_fields(["pictures"])
-    windows, places = np.empty(len(rows), dtype=object), zip(rows.origin.tolist(), rows.place.tolist(), strict=True)
-    for number, (one, (origin, place)) in enumerate(zip(list_windows(rows), places, strict=True)):
-        raise_if_stopped()
-        pictures = rows.datasets[origin].stored(place, "pictures")
-        windows[number] = one._replace(pictures=None if pictures is None or not pictures.size else pictures)
-    return windows
 
 
 def list_windows(rows: Rows) -> list[Seen]:

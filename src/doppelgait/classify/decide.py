@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, convert_features
@@ -104,14 +106,20 @@ class TargetInputs:
         texts = self.columns.get("quality_flags", self.columns.get("flags"))
         return tuple(flag for flag in str(texts or "").split(";") if flag)
 
-    @property
+    @cached_property
     def conditions(self) -> dict[str, float]:
-        """Carrier, pulse rate and observation time; NaN for unknown."""
-        return collect_conditions(self.columns, self.signature)
+        """Conditions of the observation; NaN for unknown."""
+        known = {name: value for name, value in self.columns.items() if value is not None}
+        carrier_hz = float(known.get("carrier_hz", np.nan))
+        if self.signature is not None:
+            carrier_hz = SPEED_OF_LIGHT_MPS / read_wavelength_m(self.signature)
+            known["prf_hz"] = read_prf_hz(self.signature)
+        found = collect_conditions(known, np.array([carrier_hz]))
+        return {name: float(values[0]) for name, values in found.items()}
 
     def collect_inputs(self, model: Model, number: int) -> Inputs:
         """Return the inputs of a model, one row."""
-        network = model.learned
+        network, names = model.learned, model.facts.names
         if isinstance(network, Ensemble):
             network = next((member for member in network.members if isinstance(member, Network)), network)
         pictures = np.empty(1, dtype=object)
@@ -119,24 +127,21 @@ class TargetInputs:
             pictures[0] = levels_of(self.signature, network.patch)
         elif isinstance(network, TrackNetwork):
             pictures[0] = Seen(self.pictures, 0, 0.0)
-        if not model.facts.names:
+        if not names:
             return pictures
-        import pandas as pd
-
-        columns = {**find_feature_columns(pd.DataFrame(), "six"), "gait_frequency_hz": "gait_frequency_hz"}
-        extended = [name for name in model.facts.names if name.startswith("extended_")]
-        columns |= {name: name for name in (ENVELOPE if name == ENVELOPE_WIDTH else name for name in extended)}
-        missing = [name for name in columns.values() if name not in self.columns]
-        if missing:
+        table = pd.DataFrame([self.columns])
+        columns = find_feature_columns(table, "extended").items()
+        wavelength_m = np.array([SPEED_OF_LIGHT_MPS / self.conditions["carrier_hz"]])
+        known = {name: table[column] for name, column in columns if column in table}
+        features = convert_features(known, wavelength_m)
+        if ENVELOPE_WIDTH in features:  # which files of an older version have in hertz
+            features[ENVELOPE] = features[ENVELOPE_WIDTH] * 2.0 / wavelength_m
+        if missing := [name for name in names if name not in features]:
             raise AnalysisError(
                 f"target {number}: has no {missing[0]}, which {model.facts.name} uses; analyse with extended = "
                 "true and the standard method"
             )
-        wavelength_m = np.array([SPEED_OF_LIGHT_MPS / self.conditions["carrier_hz"]])
-        features = convert_features({name: [self.columns[column]] for name, column in columns.items()}, wavelength_m)
-        if ENVELOPE in model.facts.names:  # a file of an older version
-            features[ENVELOPE] = features[ENVELOPE_WIDTH] * 2.0 / wavelength_m
-        values = np.array([[features[name][0] for name in model.facts.names]])
+        values = np.column_stack([features[name] for name in names])
         return join_inputs(values, pictures) if isinstance(network, Network | TrackNetwork) else values
 
 
@@ -174,10 +179,6 @@ def classify(
         If a file cannot be read.
     ConfigError
         If no model is named and no shipped model fits.
-
-    See Also
-    --------
-    classify_over_time : classify window by window.
 
     Examples
     --------
@@ -225,37 +226,32 @@ def read_training_analysis(model: Model) -> Analysis:
 
 def decide(seen: TargetInputs, model: Model, number: int) -> Decision:
     """Decide the class of one target."""
-    values = seen.collect_inputs(model, number)
-    outside: list[str] = []
-    if model.facts.names:
-        outside = model.describe_outside(values[0])
-        rank = float(model.rank(values)[0])
-        if rank < model.facts.novel_below:
-            outside.append(
-                f"unlike the training data: {100 * rank:.1f} % of the held-out rows have the same or a larger distance"
-            )
+    values, facts = seen.collect_inputs(model, number), model.facts
+    outside, rank = model.describe_outside(values), float(model.rank(values)[0])
+    if rank < facts.novel_below:
+        outside.append(
+            f"unlike the training data: {100 * rank:.1f} % of the held-out rows have the same or a larger distance"
+        )
     probability = model.probability(values)[0]
     best = int(probability.argmax())
-    elsewhere = describe_outside_conditions(seen.conditions, model.facts.conditions)
+    elsewhere = describe_outside_conditions(seen.conditions, facts.conditions)
     if isinstance(model.learned, TrackNetwork) and seen.pictures is None:
         elsewhere = ["no pictures of a track: this model needs a recording and gates that are tracks"]
     flag = find_blocking_flag(seen.flags, model.blocking)
     reasons = [*([] if flag is None else [f"flag {flag}"]), *elsewhere, *outside]
     blocked = bool(reasons)
-    if not blocked and not probability[best] >= model.facts.abstain_below:
-        reasons = [f"probability {probability[best]:.2f} is below {model.facts.abstain_below:g}"]
-    threshold = model.facts.alarm_threshold
-    alarm = None
-    if model.facts.alarm is not None and threshold is not None and not elsewhere:
-        alarm = bool(probability[model.facts.classes.index(model.facts.alarm)] >= threshold)
-    found = {name: seen.columns.get(f"quality_{name}") for name in SHOWN_QUALITY} | {
-        name: value for name, value in seen.conditions.items() if name != "observation_s"
-    }
+    if not blocked and not probability[best] >= facts.abstain_below:
+        reasons = [f"probability {probability[best]:.2f} is below {facts.abstain_below:g}"]
+    probabilities, alarm = dict(zip(facts.classes, probability.tolist(), strict=True)), None
+    if facts.alarm is not None and facts.alarm_threshold is not None and not elsewhere:
+        alarm = probabilities[facts.alarm] >= facts.alarm_threshold
+    found = {name: seen.columns.get(f"quality_{name}") for name in SHOWN_QUALITY}
+    found |= {name: value for name, value in seen.conditions.items() if name != "observation_s"}
     return Decision(
         target=number,
-        label=model.facts.classes[best],
-        probability=float(probability[best]),
-        probabilities={name: float(p) for name, p in zip(model.facts.classes, probability, strict=True)},
+        label=facts.classes[best],
+        probability=probabilities[facts.classes[best]],
+        probabilities=probabilities,
         abstained=bool(reasons),
         reason="; ".join(reasons),
         blocked=blocked,

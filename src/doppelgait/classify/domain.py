@@ -50,17 +50,16 @@ def simulate_like(
     seed: int = 0,
 ) -> list[Recording]:
     """Simulate a recording like each real one."""
-    found = []
+    found, source = [], str(Path(preset).absolute()) if str(preset).endswith(".toml") else str(preset)
     for number, real in enumerate(recordings):
-        times_s = real.slow_time_s - real.slow_time_s[0]
-        source = str(Path(preset).absolute()) if str(preset).endswith(".toml") else str(preset)
+        times_s, own = real.slow_time_s - real.slow_time_s[0], Radar.preset(source)
         # simulate without pauses, then select the pulses of the recording
-        whole = {"burst_pulses": None, "burst_period_s": None} if Radar.preset(source).burst_pulses else {}
-        radar: dict[str, Any] = {"preset": source, "prf_hz": real.radar.prf_hz, **whole}
+        radar: dict[str, Any] = {"preset": source, "prf_hz": real.radar.prf_hz}
+        radar |= {"burst_pulses": None, "burst_period_s": None} if own.burst_pulses else {}
         if real.n_range_bins > 1:
             start_m = max(float(real.range_m[0]), 0.0)
-            spacing_m = Radar.preset(source).bin_spacing_m
-            radar |= {"range_start_m": start_m, "range_stop_m": start_m + (real.n_range_bins - 0.5) * spacing_m}
+            stop_m = start_m + (real.n_range_bins - 0.5) * own.bin_spacing_m
+            radar |= {"range_start_m": start_m, "range_stop_m": stop_m}
         duration_s = float(times_s[-1]) + 2.0 / real.radar.prf_hz
         if plan is None:
             run = parse_run({"duration_s": duration_s, "radar": radar, "seed": seed, "example": number})
@@ -73,9 +72,9 @@ def simulate_like(
             run = resolve_example(of_one, beyond, folder or Path()).run
         made = run_simulation(run, folder=folder, angles=False)
         chosen = np.minimum(np.round(times_s * real.radar.prf_hz).astype(int), made.n_pulses - 1)
-        values = made.samples.matrix[chosen]
         coords = {"slow_time": real.slow_time_s, "range": made.range_m}
-        baseband = make_array(BASEBAND, values, coords, {k: v for k, v in real.facts.items() if k == "burst_pulses"})
+        facts = {name: value for name, value in real.facts.items() if name == "burst_pulses"}
+        baseband = make_array(BASEBAND, made.samples.matrix[chosen], coords, facts)
         found.append(Recording.from_baseband(baseband, run.radar, source=f"simulated {number}"))
     return found
 
@@ -154,18 +153,16 @@ def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording]
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    rows: list[Statistics] = []
-    labels, groups = [], []
-    few = min(len(real), len(synthetic)) < FEW
+    few, tables = min(len(real), len(synthetic)) < FEW, []
     for label, recordings in enumerate((synthetic, real)):
         for number, recording in enumerate(recordings):
-            windows = measure_windows(recording)
-            rows += windows
-            labels += [label] * len(windows)
-            piece = np.arange(len(windows)) * FOLDS // len(windows) if few else np.zeros(len(windows), dtype=int)
-            groups += [f"{label}-{number:05d}-{k}" for k in piece]
-    table = pd.DataFrame(rows).dropna(axis="columns")
-    values, positive, group = table.to_numpy(dtype=np.float64), np.array(labels) == 1, np.array(groups)
+            one = pd.DataFrame(measure_windows(recording))
+            piece = np.arange(len(one)) * FOLDS // len(one) if few else np.zeros(len(one), dtype=int)
+            names = [f"{label}-{number:05d}-{k}" for k in piece]
+            tables.append(one.set_index([[bool(label)] * len(one), names]))
+    table = pd.concat(tables).dropna(axis="columns")
+    values = table.to_numpy(dtype=np.float64)
+    positive, group = (table.index.get_level_values(level).to_numpy() for level in (0, 1))
     folds = min(FOLDS, *(np.unique(group[side]).size for side in (positive, ~positive)))
     if folds < 2:
         raise AnalysisError("nothing can be held out: two windows of real recordings and two of simulated are needed")
@@ -211,17 +208,13 @@ def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
 
 def comparison_rows(found: Mapping[str, Comparison], most: int = 12) -> list[dict[str, str]]:
     """Tabulate AUC, what was held out, and distances."""
-    last = list(found.values())[-1]
-    rows = [
-        {"": words} | {name: "{:.2f} ({:.2f} to {:.2f})".format(*getattr(one, key)) for name, one in found.items()}
-        for words, key in (("AUC, all statistics", "auc"), ("AUC, without levels", "auc_of_shape"))
-    ]
-    rows.append({"": "AUC, linear"} | {name: f"{one.auc_linear:.2f}" for name, one in found.items()})
-    rows.append({"": "tested on unseen"} | {name: one.held_out for name, one in found.items()})
-    for statistic in list(last.distances)[:most]:
-        cells = {
-            name: "{:.2f} ({:.2f})".format(*one.distances[statistic]) if statistic in one.distances else "-"
-            for name, one in found.items()
-        }
-        rows.append({"": statistic, **cells})
-    return rows
+    span, distance = "{:.2f} ({:.2f} to {:.2f})".format, "{:.2f} ({:.2f})".format
+    cells = {
+        "AUC, all statistics": [span(*one.auc) for one in found.values()],
+        "AUC, without levels": [span(*one.auc_of_shape) for one in found.values()],
+        "AUC, linear": [f"{one.auc_linear:.2f}" for one in found.values()],
+        "tested on unseen": [one.held_out for one in found.values()],
+    }
+    for name in list(list(found.values())[-1].distances)[:most]:
+        cells[name] = [distance(*one.distances[name]) if name in one.distances else "-" for one in found.values()]
+    return [{"": words} | dict(zip(found, row, strict=True)) for words, row in cells.items()]

@@ -49,13 +49,14 @@ from doppelgait.classify.model import (
     mark_outside,
     row_weights,
 )
+from doppelgait.classify.options import Options, takes_options
 from doppelgait.classify.scores import DETECTED_SHARE, Answers
 from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS
 from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.open import Dataset
+from doppelgait.dataset.open import Dataset, open_dataset
 from doppelgait.dataset.plan import list_names, parse_source
 
 SHUFFLES = 5  # shuffles of a feature for its importance
@@ -75,21 +76,10 @@ class Fold:
     test: IntArray
 
 
-def choose_folds(
-    rows: Rows, *, n_folds: int | None = None, left_out: str | None = None, seed: int
-) -> tuple[list[Fold], list[str]]:
+def choose_folds(rows: Rows, options: Options) -> tuple[list[Fold], list[str]]:
     """Return the folds of a cross-validation, or the dataset's own splits, with notes."""
-    values = {"--cv": n_folds, "--leave-out": left_out, "--test": rows.datasets[1:] or None}
-    options = [name for name, value in values.items() if value is not None]
-    if len(options) > 1:
-        raise ConfigError(f"{' and '.join(options)}: use one of them")
-    if n_folds is not None:
-        folds, notes = split_into_folds(rows, n_folds, seed=seed), list[str]()
-    elif left_out is not None:
-        folds, notes = leave_out(rows, left_out, seed=seed)
-    else:
-        fold, notes = use_own_splits(rows, seed=seed)
-        folds = [fold]
+    crossed = options.n_folds is not None or options.left_out is not None
+    folds, notes = (split_into_folds if crossed else use_own_splits)(rows, options)
     for fold in folds:
         both = np.intersect1d(rows.groups[np.concatenate([fold.train, fold.held])], rows.groups[fold.test])
         if both.size:
@@ -97,19 +87,19 @@ def choose_folds(
     return folds, notes
 
 
-def use_own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
+def use_own_splits(rows: Rows, options: Options) -> tuple[list[Fold], list[str]]:
     """Return the dataset's own splits."""
     first = rows.datasets[0].directory
     train, held, notes = select_split(rows, "train"), select_split(rows, "validation"), []
     _check_all_classes(rows, train, f"{first}: the split train")
     if not held.size:
-        train, held = hold_back(rows, train, seed)
+        train, held = next(hold_back(rows, train, options.seed))
         notes.append(f"no validation split: {held.size} rows of train were held back for calibration")
     if len(rows.datasets) == 1:
         test, words = select_split(rows, "test"), f"{first}: has no rows in the split test"
         if not test.size:
             raise DatasetError(f"{words}; give another dataset (--test) or cross-validate (--cv 5)")
-        return Fold("test split", train, held, test), notes
+        return [Fold("test split", train, held, test)], notes
     other = np.flatnonzero(rows.origin == 1)
     trained = np.concatenate([train, held])
     known = np.isin(rows.groups[other], rows.groups[trained])
@@ -128,42 +118,39 @@ def use_own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
         )
     if known.all():
         raise DatasetError(f"{rows.datasets[1].directory}: all of its targets are in the training data, no row is left")
-    return Fold("other dataset", train, held, other[~known]), notes
+    return [Fold("other dataset", train, held, other[~known])], notes
 
 
-def split_into_folds(rows: Rows, n_folds: int, *, seed: int) -> list[Fold]:
-    """Split all rows into stratified folds of whole groups."""
+def split_into_folds(rows: Rows, options: Options) -> tuple[list[Fold], list[str]]:
+    """Make stratified folds of whole groups, or a fold without each value of a column."""
     from sklearn.model_selection import StratifiedGroupKFold
 
-    fewest = _count_fewest_groups(rows.labels, rows.groups)
-    if not 2 <= n_folds <= fewest:
-        raise ConfigError(f"--cv {n_folds}: must be from 2 to {fewest}, the targets of the smallest class")
-    splitter = StratifiedGroupKFold(n_folds, shuffle=True, random_state=seed)
-    folds = []
-    for number, (learn, test) in enumerate(splitter.split(rows.labels, rows.labels, rows.groups)):
-        folds.append(Fold(f"fold {number}", *hold_back(rows, learn, seed), test))
-        _check_all_classes(rows, folds[-1].train, folds[-1].name)
-    return folds
-
-
-def leave_out(rows: Rows, column: str, *, seed: int) -> tuple[list[Fold], list[str]]:
-    """Make folds that each leave out a column's value."""
-    if column not in rows.index:
+    column, folds, notes = options.left_out, list[Fold](), list[str]()
+    if column is None:
+        n_folds, fewest = options.n_folds or 0, _count_fewest_groups(rows.labels, rows.groups)
+        if not 2 <= n_folds <= fewest:
+            raise ConfigError(f"--cv {n_folds}: must be from 2 to {fewest}, the targets of the smallest class")
+        splitter = StratifiedGroupKFold(n_folds, shuffle=True, random_state=options.seed)
+        sides = enumerate(splitter.split(rows.labels, rows.labels, rows.groups))
+        tests = {f"fold {number}": test for number, (_, test) in sides}
+    elif column not in rows.index:
         raise ConfigError(
             f"--leave-out {column}: the index has no such column; for example source, subject, motion_kind"
         )
-    values = rows.index[column].fillna("unknown").astype(str).to_numpy(dtype=str)
-    names = np.unique(values)
-    if not 2 <= names.size <= MOST_LEFT_OUT:
-        raise ConfigError(f"--leave-out {column}: has {names.size} values; it must have 2 to {MOST_LEFT_OUT}")
-    folds, notes = [], []
-    for name in names.tolist():
-        test = np.flatnonzero(values == name)
-        learn = np.flatnonzero((values != name) & ~np.isin(rows.groups, rows.groups[test]))
-        if np.unique(rows.labels[learn]).size < len(rows.classes):
-            notes.append(f"{column} {name}: not left out, a class has nothing else to learn from")
-        else:
-            folds.append(Fold(f"without {name}", *hold_back(rows, learn, seed), test))
+    else:
+        values = rows.index[column].fillna("unknown").astype(str).to_numpy(dtype=str)
+        tests = {f"without {name}": np.flatnonzero(values == name) for name in np.unique(values).tolist()}
+        if not 2 <= len(tests) <= MOST_LEFT_OUT:
+            raise ConfigError(f"--leave-out {column}: has {len(tests)} values; it must have 2 to {MOST_LEFT_OUT}")
+    for name, test in tests.items():
+        learn = np.flatnonzero(~np.isin(rows.groups, rows.groups[test]))
+        if column is not None and np.unique(rows.labels[learn]).size < len(rows.classes):
+            notes.append(
+                f"{column} {name.removeprefix('without ')}: not left out, a class has nothing else to learn from"
+            )
+            continue
+        folds.append(Fold(name, *next(hold_back(rows, learn, options.seed)), test))
+        _check_all_classes(rows, folds[-1].train, name)
     if not folds:
         raise ConfigError(f"--leave-out {column}: {'; '.join(notes)}")
     return folds, notes
@@ -173,13 +160,8 @@ def _count_fewest_groups(labels: IntArray, groups: scores.Groups) -> int:
     return min(np.unique(groups[labels == number]).size for number in np.unique(labels))
 
 
-def hold_back(rows: Rows, learn: IntArray, seed: int) -> tuple[IntArray, IntArray]:
-    """Hold back a fifth of the kinds of episode, or of the groups, for calibration."""
-    return next(hold_back_in_turn(rows, learn, seed))
-
-
-def hold_back_in_turn(rows: Rows, learn: IntArray, seed: int) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield every fold of training and held rows for calibration, or all rows and none if targets are few."""
+def hold_back(rows: Rows, learn: IntArray, seed: int) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield in turn what learns, and a fifth of kinds or groups for calibration."""
     from sklearn.model_selection import StratifiedGroupKFold
 
     labels, groups = rows.labels[learn], rows.groups[learn]
@@ -191,7 +173,8 @@ def hold_back_in_turn(rows: Rows, learn: IntArray, seed: int) -> Iterator[tuple[
         yield learn, np.empty(0, dtype=np.int64)
         return
     splitter = StratifiedGroupKFold(HELD_FOLDS, shuffle=True, random_state=seed)
-    yield from ((learn[train], learn[held]) for train, held in splitter.split(labels, labels, groups))
+    for train, held in splitter.split(labels, labels, groups):
+        yield learn[train], learn[held]
 
 
 def _check_all_classes(rows: Rows, learn: IntArray, words: str) -> None:
@@ -199,11 +182,6 @@ def _check_all_classes(rows: Rows, learn: IntArray, words: str) -> None:
     missing = [name for number, name in enumerate(rows.classes) if number not in present]
     if missing:
         raise DatasetError(f"{words} has no row of {', '.join(missing)}: these classes cannot be trained")
-
-
-Progress = Callable[[int, int], None]
-Members = Sequence[Sequence[Model]]
-"""Trained members of an ensemble, by kind and fold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,29 +193,25 @@ class Run:
     held_loss: float
     importance: dict[str, float]
 
-
-def run_all(
-    rows: Rows, tables: Mapping[str, Table], folds: Sequence[Fold], on_progress: Progress, *, seed: int
-) -> dict[str, Run]:
-    """Train and test all models."""
-    done, runs = count(1), dict[str, Run]()
-
-    def tick() -> None:
-        on_progress(next(done), len(tables) * len(folds))
-
-    for name in tables:
-        members = [runs[member].models for member in MEMBERS if member in runs] if name == "ensemble" else []
-        runs[name] = run_model(rows, tables[name], name, folds, seed, tick, members)
-    return runs
+    @property
+    def is_calibrated(self) -> bool:
+        """True if the probabilities of all folds are calibrated."""
+        return all(model.calibration.n_rows > 0 for model in self.models)
 
 
 def run_model(
-    rows: Rows, table: Table, name: str, folds: Sequence[Fold], seed: int, tick: Callable[[], None], members: Members
+    rows: Rows,
+    table: Table,
+    name: str,
+    folds: Sequence[Fold],
+    seed: int,
+    members: Sequence[Run],
+    tick: Callable[[], None],
 ) -> Run:
     """Train on every fold and predict its test rows."""
     models, parts, losses, importance = [], [], [], []
     for number, fold in enumerate(folds):
-        model = learn(rows, table, name, fold, seed=seed, members=[kind[number] for kind in members])
+        model = learn(rows, table, name, fold, seed=seed, members=[member.models[number] for member in members])
         models.append(model)
         if fold.test.size:
             parts.append(scores.answer_rows(model, take_rows(rows, fold.test), table.values[fold.test]))
@@ -267,28 +241,18 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members
         learned: Learned = training.join([each.learned for each in members], held, n_classes=n_classes)
     else:
         learned = training.fit(kind, train, held, n_classes=n_classes, seed=seed)
-    return describe_model(rows, table, name, fold, learned, seed=seed, joined=bool(members))
+    return describe_model(rows, table, name, fold, learned, seed=seed)
 
 
 def describe_model(
-    rows: Rows,
-    table: Table,
-    name: str,
-    fold: Fold,
-    learned: Learned,
-    *,
-    seed: int,
-    joined: bool = False,
-    answers: FloatArray | None = None,
+    rows: Rows, table: Table, name: str, fold: Fold, learned: Learned, *, seed: int, answers: FloatArray | None = None
 ) -> Model:
-    """Calibrate what was trained on a fold, and describe its valid conditions.
-
-    ``answers`` to the held rows are of models that did not learn from them; by default those of ``learned``.
-    """
+    """Calibrate what was trained on a fold, by its or other answers to the held rows."""
     kind, n_classes = training.find_kind(name), len(rows.classes)
     train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
     of_tracks = isinstance(learned, TrackNetwork)
-    answers, groups = learned.log_probability(held.values) if answers is None else answers, rows.groups[fold.held]
+    answers = learned.log_probability(held.values) if answers is None else answers
+    groups = rows.groups[fold.held]
     if of_tracks:  # the windows that are evidence in a stream
         kept = np.array([each.pictures is not None for each in held.values[:, -1]], dtype=bool)
         kept &= ~mark_flagged(rows.index.iloc[fold.held], ECHOES)
@@ -315,15 +279,13 @@ def describe_model(
     values = select_features(train.values) if table.names else np.zeros((train.labels.size, 0))
     spans = [reduce(values, initial=np.nan) for reduce in (np.fmin.reduce, np.fmax.reduce)]
     if of_tracks:  # the network limits its features, and any of them may be unknown
-        spans, values = (
-            [np.full(values.shape[1], sign * WIDEST) for sign in (-1.0, 1.0)],
-            np.full_like(values[:1], np.nan),
-        )
+        spans = [np.full_like(spans[0], sign * WIDEST) for sign in (-1.0, 1.0)]
+        values = np.full_like(values[:1], np.nan)
     first = rows.datasets[0].description
     config = first.get("config") or {}
     facts = Facts(
         name=name,
-        features=f"{kind.features}+signature" if joined and table.values.dtype == object else kind.features,
+        features=f"{kind.features}+signature" if name == "ensemble" and table.values.dtype == object else kind.features,
         names=table.names,
         classes=rows.classes,
         dataset_id=str(first["id"]),
@@ -355,20 +317,15 @@ def _compute_losses(model: Model, values: Inputs, labels: IntArray) -> FloatArra
 def _rank_features(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
     """Compute the log-loss rise when features are shuffled."""
     values, labels = table.values[fold.test], rows.labels[fold.test]
-    weights = row_weights(labels, len(rows.classes))
-
-    def loss(inputs: Any) -> float:
-        return float((weights * _compute_losses(model, inputs, labels)).mean())
-
-    generator, whole = np.random.default_rng(seed), loss(values) if table.names else 0.0
-    lost = {}
+    rng = np.random.default_rng(seed)
+    weights, lost = row_weights(labels, len(rows.classes)), dict[str, float]()
+    whole = (weights * _compute_losses(model, values, labels)).mean() if table.names else 0.0
     for number, name in enumerate(table.names):
         raise_if_stopped()
-        found = []
+        found, shuffled = [], values.copy()
         for _ in range(SHUFFLES):
-            shuffled = values.copy()
-            shuffled[:, number] = generator.permutation(shuffled[:, number])
-            found.append(loss(shuffled) - whole)
+            shuffled[:, number] = rng.permutation(values[:, number])
+            found.append((weights * _compute_losses(model, shuffled, labels)).mean() - whole)
         lost[name] = float(np.mean(found))
     return dict(sorted(lost.items(), key=lambda entry: -entry[1]))
 
@@ -379,24 +336,28 @@ def make_document(
     """Collect all models' scores for JSON, None for unknown."""
     answers, models = {name: run.answers for name, run in runs.items()}, {}
     tested = {name: int((next(iter(answers.values())).labels == n).sum()) for n, name in enumerate(rows.classes)}
-    absent = [name for name, count in tested.items() if not count]
-    said = [*notes, *(f"no target of class {name} is tested" for name in absent)]
+    said = [*notes, *(f"no target of class {name} is tested" for name, count in tested.items() if not count)]
     for name, run in runs.items():
         kind = training.find_kind(name)
         models[name] = {
             "kind": {"features": kind.features, "learner": kind.learner, "baseline": name in BASELINES},
             **scores.compute_scores(run.answers, seed=seed),
             "held_log_loss": run.held_loss if np.isfinite(run.held_loss) else None,
-            "calibrated": all(model.calibration.n_rows > 0 for model in run.models),
+            "calibrated": run.is_calibrated,
             "importance": run.importance,
         }
+    datasets = [
+        {"directory": str(one.directory), "origin": one.description.get("origin", "simulated"), "n_rows": len(one)}
+        | {key: one.description.get(key) for key in ("id", "name", "config")}
+        for one in rows.datasets
+    ]
     sides = [{key: getattr(fold, key) for key in ("train", "held", "test")} for fold in folds]
     document = {
         "doppelgait_version": __version__,
         "seed": seed,
         "classes": list(rows.classes),
-        "dataset": _describe_dataset(rows.datasets[0]),
-        "test_dataset": _describe_dataset(rows.datasets[1]) if len(rows.datasets) > 1 else None,
+        "dataset": datasets[0],
+        "test_dataset": datasets[1] if len(datasets) > 1 else None,
         "folds": [
             {"name": fold.name}
             | {key: {"n": part.size, "movers": np.unique(rows.groups[part]).size} for key, part in side.items()}
@@ -412,19 +373,13 @@ def make_document(
     return plain
 
 
-def _describe_dataset(part: Dataset) -> dict[str, Any]:
-    known = {key: part.description.get(key) for key in ("id", "name", "config")}
-    origin = part.description.get("origin", "simulated")
-    return {"directory": str(part.directory), "origin": origin, "n_rows": len(part), **known}
-
-
 def tabulate_answers(runs: Mapping[str, Run]) -> pd.DataFrame:
     """Tabulate probabilities, class and decision per tested row."""
     tested = next(iter(runs.values())).answers
     columns: dict[str, Any] = {"id": tested.index["id"], "label": tested.index["label"], "mover": tested.groups}
-    for name, found in ((name, run.answers) for name, run in runs.items()):
-        for number, label in enumerate(found.classes):
-            columns[f"{name}:{label}"] = np.round(found.probability[:, number], 6)
+    for name, run in runs.items():
+        found, probability = run.answers, np.round(run.answers.probability, 6).T
+        columns |= {f"{name}:{label}": own for label, own in zip(found.classes, probability, strict=True)}
         columns[f"{name}:class"] = np.array(found.classes)[found.guesses]
         columns[f"{name}:decided"] = found.decided
     return pd.DataFrame({key: np.asarray(values) for key, values in columns.items()})
@@ -455,54 +410,29 @@ class Evaluation:
     models: dict[str, Model]
 
 
+@takes_options()
 def evaluate(
-    dataset: Dataset,
+    dataset: Dataset | str | Path,
     *,
-    other: Dataset | None = None,
-    models: Sequence[str] | None = None,
-    n_folds: int | None = None,
-    left_out: str | None = None,
-    own: Dataset | None = None,
-    unknown: Dataset | None = None,
-    motion_folder: Path | None = None,
-    seed: int = 0,
     keep: bool = False,
-    alarm_class: str | None = None,
     day: PlanConfig | None = None,
     on_progress: Callable[[int, int], None] | None = None,
+    **options: Any,
 ) -> Evaluation:
     """Train and score models.
 
     Parameters
     ----------
-    dataset : Dataset
-        Training data. The models are tested on its split ``test`` unless one of the next three
-        parameters is set.
-    other : Dataset, optional
-        Other test data: all rows except those of targets in the training data.
-    models : sequence of str, optional
-        Names, by default :data:`doppelgait.classify.training.DEFAULT`, as far as the dataset has
-        the inputs. Members of an ensemble, and chance, nuisance parameters and speed are added.
-    n_folds : int, optional
-        Number of folds of a cross-validation over all rows; a target is in one of them.
-    left_out : str, optional
-        Leave one value of this column out at a time, for example ``source``.
-    own : Dataset, optional
-        Your own recordings, to test on and to adapt the models to; those returned are adapted to all.
-    unknown : Dataset, optional
-        Rows of further classes, on which the models should abstain; they are scored separately.
-    motion_folder : Path, optional
-        Folder of the motion files of the plan, from which the nuisance parameters are sampled.
-    seed : int
-        Seed of folds, training and bootstrap.
+    dataset : Dataset or path
+        Training data. The models are tested on its split ``test`` unless ``other``, ``own``,
+        ``n_folds`` or ``left_out`` is set.
     keep : bool
         After a cross-validation train each model once more, on all rows.
-    alarm_class : str, optional
-        Class that triggers the alarm; ``human`` by default.
     day : PlanConfig, optional
         Score the alarm of the kept model over a day (:func:`doppelgait.classify.alarm.run_day`).
     on_progress : callable, optional
         Called with (models trained, models to train).
+    **options
 
     Raises
     ------
@@ -526,54 +456,79 @@ def evaluate(
     >>> found.document["tested"]
     {'human': 1, 'dog': 1}
     """
-    rows = _collect_test_rows(dataset, other, own)
-    rows = replace(rows, alarm=_choose_alarm_class(rows, alarm_class, needed=day is not None))
-    strangers = None if unknown is None else unknown_rows(unknown, rows)
-    for option, other_data in (("--adapt", own), ("--unknown", unknown)):
-        if other_data is not None and (n_folds or left_out):
-            raise ConfigError(f"{option}: needs one model for all rows; leave --cv and --leave-out out")
-    folds, notes = choose_folds(rows, n_folds=n_folds, left_out=left_out, seed=seed)
-    tables, skipped = _load_tables(rows, models, motion_folder)
+    chosen = Options(**options)
+    rows, unknown = _collect_test_rows(dataset, chosen, needed=day is not None)
+    folds, notes = choose_folds(rows, chosen)
+    tables, skipped = _load_tables(rows, chosen)
     trained = [name for name in tables if name not in BASELINES]
     if not trained:
-        raise DatasetError(f"{dataset.directory}: no model can be trained: {'; '.join(skipped)}")
-    whole = folds
-    if keep and (n_folds or left_out):
-        train, held = hold_back(rows, np.arange(len(rows)), seed)
-        whole = [*folds, Fold("all rows", train, held, np.empty(0, dtype=np.int64))]
+        raise DatasetError(f"{rows.datasets[0].directory}: no model can be trained: {'; '.join(skipped)}")
+    whole, seed = folds, chosen.seed
+    if keep and (chosen.n_folds or chosen.left_out):
+        sides = next(hold_back(rows, np.arange(len(rows)), seed))
+        whole = [*folds, Fold("all rows", *sides, np.empty(0, dtype=np.int64))]
     # Refuse to keep the best of several models if no held-out rows exist.
     if keep and len(trained) > 1 and "ensemble" not in trained and not all(fold.held.size for fold in whole):
         raise ConfigError(
             f"--save: no rows can be held out to choose among {', '.join(trained)}: a class has too few targets; "
             "name the one model to keep (--models), or add more data"
         )
-    progress = on_progress or (lambda done, total: None)
-    runs = run_all(rows, tables, whole, progress, seed=seed)
-    best = _choose_best({name: runs[name] for name in trained})
+    done, runs = count(1), dict[str, Run]()
+
+    def tick() -> None:
+        if on_progress is not None:
+            on_progress(next(done), len(tables) * len(whole))
+
+    for name in tables:
+        members = [runs[member] for member in MEMBERS if member in runs] if name == "ensemble" else []
+        runs[name] = run_model(rows, tables[name], name, whole, seed, members, tick)
+    losses = {name: runs[name].held_loss for name in trained}
+    best: str | None = "ensemble" if "ensemble" in trained else min(losses, key=lambda name: losses[name])
+    if best != "ensemble" and len(trained) > 1 and not np.isfinite(losses[str(best)]):
+        best = None  # without held-out rows
     outside = _find_outside(rows, folds)
     notes += [*skipped, *_list_limits(rows, folds, {name: runs[name] for name in trained}, outside)]
     document = make_document(rows, folds, runs, notes, seed=seed)
     document |= {"kept": best, "outside_conditions": outside}
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
     part = folds[0].test
-    for name in trained if own is not None or strangers is not None else ():
+    for name in trained if chosen.own is not None or unknown is not None else ():
         entry, tested, remarks = document["models"][name], tables[name].values[part], list[str]()
-        if own is not None:
+        if chosen.own is not None:
             adapted = adapt_to_rows(kept[name], take_rows(rows, part), tested, seed=seed)
             kept[name], entry["adaptation"], remarks = adapted
-        if strangers is not None:
-            entry["unknown"] = scores.open_set_scores(kept[name], tested, strangers)
+        if unknown is not None:
+            entry["unknown"] = scores.open_set_scores(kept[name], tested, unknown)
         document["notes"] += [f"{name}: {remark}" for remark in remarks]
     if day is not None and best is not None and best in kept:
         document["alarm_day"] = {"model": best, **score_day(day, run_day(day, kept[best]), kept[best])}
     return Evaluation(document, tabulate_answers(runs), best, kept)
 
 
+def _collect_test_rows(dataset: Dataset | str | Path, options: Options, *, needed: bool) -> tuple[Rows, Rows | None]:
+    """Collect all rows, with the class of their alarm, and those of unknown kinds."""
+    named = (dataset, options.other, options.own, options.unknown)
+    first, other, own, unknown = (open_dataset(each) if isinstance(each, str | Path) else each for each in named)
+    rows = collect_rows(*(each for each in (first, other, own) if each is not None))
+    classes, alarm = ", ".join(rows.classes), options.alarm_class or rows.alarm
+    missing = [name for name in rows.classes if own is not None and not (own.index["label"] == name).any()]
+    if missing:
+        raise DatasetError(
+            f"--adapt {own.directory}: contains no {', '.join(missing)}, so that the shift of the decision is unknown; "
+            f"label recordings of every class ({classes})"
+        )
+    if options.alarm_class is not None and alarm not in rows.classes:
+        raise ConfigError(f"--alarm-class {alarm}: is no class; there are {classes}")
+    if needed and alarm not in rows.classes:
+        raise ConfigError(f"--alarm: no class {alarm}; name one of {classes} by --alarm-class")
+    rows = replace(rows, alarm=alarm)
+    return rows, None if unknown is None else unknown_rows(unknown, rows)
+
+
 def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], outside: Mapping[str, Any]) -> list[str]:
     """List what too few held-out rows, a missing class or other conditions prevent."""
     notes = []
-    bare = [name for name, run in runs.items() if not all(model.calibration.n_rows for model in run.models)]
-    if bare:
+    if bare := [name for name, run in runs.items() if not run.is_calibrated]:
         notes.append(f"{', '.join(bare)}: not calibrated, because a class has fewer than {LEAST_ROWS} held-out rows")
     if rows.alarm not in rows.classes:
         notes.append(f"no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class")
@@ -591,70 +546,30 @@ def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], out
     ]
 
 
-def _collect_test_rows(dataset: Dataset, other: Dataset | None, own: Dataset | None) -> Rows:
-    """Collect all rows."""
-    if own is None:
-        return collect_rows(dataset) if other is None else collect_rows(dataset, other)
-    if other is not None:
-        raise ConfigError("--adapt and --test: use one of them; --adapt tests on recordings that it does not adapt to")
-    rows = collect_rows(dataset, own)
-    missing = [name for name in rows.classes if not (own.index["label"] == name).any()]
-    if missing:
-        raise DatasetError(
-            f"--adapt {own.directory}: contains no {', '.join(missing)}, so that the shift of the decision is unknown; "
-            f"label recordings of every class ({', '.join(rows.classes)})"
-        )
-    return rows
-
-
-def _choose_alarm_class(rows: Rows, alarm_class: str | None, *, needed: bool) -> str:
-    """Return the class of the alarm, if named or needed."""
-    alarm, classes = alarm_class or rows.alarm, ", ".join(rows.classes)
-    if alarm_class is not None and alarm not in rows.classes:
-        raise ConfigError(f"--alarm-class {alarm_class}: is no class; there are {classes}")
-    if needed and alarm not in rows.classes:
-        raise ConfigError(f"--alarm: no class {alarm}; name one of {classes} by --alarm-class")
-    return alarm
-
-
-def _choose_best(trained: Mapping[str, Run]) -> str | None:
-    """Choose the model to keep, None without held-out rows."""
-    if "ensemble" in trained:
-        return "ensemble"
-    losses = {name: run.held_loss for name, run in trained.items()}
-    best = min(losses, key=lambda name: losses[name])
-    return best if len(trained) == 1 or np.isfinite(losses[best]) else None
-
-
 def _find_outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
     """Find conditions of tested rows outside the training range."""
-    found = conditions_of_rows(rows)
-    outside: dict[str, dict[str, Any]] = {}
-    n_tested = sum(fold.test.size for fold in folds)
+    found, outside = conditions_of_rows(rows), dict[str, dict[str, Any]]()
     for fold in folds:
-        trained = find_training_conditions(found, fold.train)
-        for name, values in found.items():
-            far = values[fold.test][mark_outside(values[fold.test], name, trained)]
+        for name, span in find_training_conditions(found, fold.train).items():
+            values = found[name][fold.test]
+            far = values[mark_outside(values, name, {name: span})]
             if far.size:
-                entry = outside.setdefault(name, {"n": 0, "of": n_tested, "learnt": [], "tested": []})
-                entry["n"] += far.size
-                for key, span in (("learnt", trained[name]), ("tested", far.tolist())):
-                    entry[key] = [min([*entry[key], *span]), max([*entry[key], *span])]
+                entry = outside.setdefault(name, {"n": 0, "of": 0, "learnt": [], "tested": []})
+                entry |= {"n": entry["n"] + far.size, "of": sum(each.test.size for each in folds)}
+                for key, own in (("learnt", span), ("tested", far.tolist())):
+                    entry[key] = [min([*entry[key], *own]), max([*entry[key], *own])]
     return outside
 
 
-def _load_tables(
-    rows: Rows, models: Sequence[str] | None, motion_folder: Path | None
-) -> tuple[dict[str, Table], list[str]]:
+def _load_tables(rows: Rows, options: Options) -> tuple[dict[str, Table], list[str]]:
     """Collect the inputs of every model, with notes on those that have none."""
     from doppelgait.classify.network import NO_TORCH, is_torch_installed
 
-    load = cache(lambda features: collect_inputs(rows, features, motion_folder=motion_folder))
-    tables: dict[str, Table] = {}
-    skipped = []
-    wanted = list(dict.fromkeys(models or DEFAULT))
+    load = cache(lambda features: collect_inputs(rows, features, motion_folder=options.motion_folder))
+    tables, skipped = dict[str, Table](), []
+    wanted = dict.fromkeys(options.models or DEFAULT)
     if "ensemble" in wanted:  # the ensemble follows its members
-        wanted = [*(name for name in dict.fromkeys([*wanted, *MEMBERS]) if name != "ensemble"), "ensemble"]
+        wanted = dict.fromkeys([*(name for name in [*wanted, *MEMBERS] if name != "ensemble"), "ensemble"])
     for name in [*BASELINES, *wanted]:
         kind = training.find_kind(name)
         try:
@@ -669,7 +584,7 @@ def _load_tables(
             first, *_, last = members  # signatures are last
             tables[name] = first if last.names else Table(join_inputs(first.values, last.values), first.names)
         except DatasetError as error:
-            if models is not None and name in models:
+            if name in (options.models or ()):
                 raise
             skipped.append(f"{name} left out: {error}")
     return tables, [*dict.fromkeys(table.note for table in tables.values() if table.note), *skipped]

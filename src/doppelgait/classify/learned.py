@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from doppelgait.classify import scorer
 from doppelgait.classify.scorer import log_softmax
-from doppelgait.processing.patches import Levels, Patch, compute_layers, cut_pictures
+from doppelgait.processing.patches import Levels, Patch
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -24,6 +24,7 @@ Inputs = npt.NDArray[Any]
 objects (n, d + 1) whose last column has levels, or :class:`Seen`."""
 
 PICTURES_AT_A_TIME = 32
+LAYERS = {"kernel": "kernels", "scale": "scales", "bias": "biases"}  # in files, and fields
 NOVEL_BELOW = 0.02
 """Rank below which no decision is made. The value was set in advance, so that one in fifty targets
 of the known kinds is rejected."""
@@ -97,7 +98,7 @@ class Trees:
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Convolutional network, as :meth:`classify_pictures` computes it."""
+    """Convolutional network over the pictures that cover a signature."""
 
     kernels: tuple[Levels, ...]
     scales: tuple[Levels, ...]
@@ -108,31 +109,7 @@ class Network:
 
     def log_probability(self, values: Inputs) -> FloatArray:
         """Return log-probabilities, shape (n, n_classes)."""
-        n_classes = self.bias.size
-        pictures = [cut_pictures(whole, self.patch) for whole in values if whole is not None]
-        answers = np.zeros((len(values), n_classes))
-        present = np.flatnonzero([whole is not None for whole in values])
-        if present.size:
-            owner = np.repeat(present, [len(part) for part in pictures])
-            stacked = np.concatenate(pictures)
-            found = self.classify_pictures(stacked) + self.classify_pictures(stacked[:, ::-1])
-            np.add.at(answers, owner, found)
-            answers[present] /= 2.0 * np.bincount(owner, minlength=len(values))[present, None]
-        return log_softmax(answers)
-
-    def classify_pictures(self, pictures: Levels) -> FloatArray:
-        """Return log-probabilities (n, n_classes) of images (n, n_velocity, n_time)."""
-        parts = []
-        for first in range(0, len(pictures), PICTURES_AT_A_TIME):
-            layer = pictures[first : first + PICTURES_AT_A_TIME, None]
-            parts.append(log_softmax(self.score_pictures(layer)))
-        return np.concatenate(parts)
-
-    def score_pictures(self, layer: Levels) -> FloatArray:
-        """Return scores (n, n_classes) of images (n, 1, n_velocity, n_time)."""
-        layer = compute_layers(layer, zip(self.kernels, self.scales, self.biases, strict=True))
-        scores = np.asarray(layer.mean(axis=(2, 3)) @ self.weight.T + self.bias, dtype=np.float32)
-        return scores.astype(np.float64)
+        return scorer.network(list_arrays(self), vars(self.patch), values.tolist())
 
 
 class Seen(NamedTuple):
@@ -149,12 +126,11 @@ def find_windows_before(seen: Sequence[Seen]) -> tuple[IntArray, IntArray]:
     """Return the order of windows by track and time, and the window whose memory each continues, -1 for none."""
     # a window of a shared gate continues the one before it, any other the last that shared none
     order = np.array(sorted(range(len(seen)), key=lambda n: (seen[n].track, seen[n].stop_s)), dtype=np.int64)
-    before, track, own, last = np.full(len(seen), -1), None, -1, -1
+    before, last = np.full(len(seen), -1), dict[tuple[int, bool], int]()
     for number in order.tolist():
-        if seen[number].track != track:
-            track, own, last = seen[number].track, -1, -1
-        before[number] = last if seen[number].shared else own
-        own, last = own if seen[number].shared else number, number
+        one = seen[number]
+        before[number] = last.get((one.track, one.shared), -1)
+        last |= {(one.track, shared): number for shared in {True, one.shared}}
     return order, before
 
 
@@ -202,18 +178,14 @@ class TrackNetwork(Columns):
         for first in range(0, len(values), PICTURES_AT_A_TIME):
             rows = values[first : first + PICTURES_AT_A_TIME]
             pictures = [to_levels(each.pictures) for each in rows[:, -1]]
-            parts.append(scorer.embed(self._arrays, select_features(rows), pictures))
+            parts.append(scorer.embed(list_arrays(self), select_features(rows), pictures))
         return np.concatenate(parts)
 
     def remember(
         self, memory: scorer.Memory, embedding: FloatArray, since_s: float
     ) -> tuple[scorer.Memory, FloatArray]:
         """Add a window to the memory of a track."""
-        return scorer.remember(self._arrays, memory, embedding, since_s)
-
-    @property
-    def _arrays(self) -> dict[str, Any]:
-        return vars(self) | name_layers(self)
+        return scorer.remember(list_arrays(self), memory, embedding, since_s)
 
 
 def to_levels(pictures: npt.NDArray[Any]) -> Levels:
@@ -221,10 +193,10 @@ def to_levels(pictures: npt.NDArray[Any]) -> Levels:
     return pictures.astype(np.float32) / (255.0 if pictures.dtype == np.uint8 else 1.0)
 
 
-def name_layers(learned: Network | TrackNetwork) -> dict[str, Levels]:
-    """Return the arrays of the convolutional layers by name."""
-    layers = {"kernel": learned.kernels, "scale": learned.scales, "bias": learned.biases}
-    return {f"{name}.{n}": values for name, arrays in layers.items() for n, values in enumerate(arrays)}
+def list_arrays(learned: Learned) -> dict[str, Any]:
+    """Return what a model holds by name, the arrays of its layers singly."""
+    each = {name: enumerate(getattr(learned, key, ())) for name, key in LAYERS.items()}
+    return vars(learned) | {f"{name}.{n}": values for name, arrays in each.items() for n, values in arrays}
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,7 @@
 """Live decisions on arriving frames, in fixed memory.
 
-A thread reads frames from their source into a ring buffer of one window. Every hop it copies the
-ring into a slot of one window. The caller takes the window from the slot, analyses it and decides
-(:mod:`doppelgait.classify.timeline`). If the slot is still full at the next hop, the analysis is
-too slow: the source waits (a file), or the newer window replaces the window in the slot and the hop
-counts as skipped (a sensor). At most three windows are therefore in memory for any length of the
-stream, and the age of the newest decision is at most one hop and two analyses.
+A thread fills a ring of one window, and copies it into a slot at every hop. If the caller has not taken the window
+before, the source waits (a file), or the newer window replaces it and the hop counts as skipped (a sensor).
 """
 
 from __future__ import annotations
@@ -32,18 +28,14 @@ from doppelgait.radar import Radar
 POLL_S = 0.1  # interval, s, at which the other thread is checked
 MANY = 0.2  # share of frames of the first window with the wrong rate at which a warning is issued
 
+Frames = Iterable[tuple[float, npt.ArrayLike]]  # times in s, and the range bins of every frame
+
 
 class Live:
     """Decisions of a stream, an iterator; made by :func:`live`."""
 
     def __init__(
-        self,
-        ring: Ring,
-        frames: Iterable[tuple[float, npt.ArrayLike]],
-        tracks: Tracks,
-        analysis: Analysis,
-        tracking: Tracking | None,
-        skip: bool,
+        self, ring: Ring, frames: Frames, tracks: Tracks, analysis: Analysis, tracking: Tracking | None, skip: bool
     ) -> None:
         self._ring, self._tracks, self._analysis, self._tracking, self._skip = ring, tracks, analysis, tracking, skip
         self.window_s, self.hop_s = ring.window_s, ring.hop_s
@@ -95,7 +87,7 @@ class Live:
         finally:
             self.close()
 
-    def _receive(self, frames: Iterable[tuple[float, npt.ArrayLike]]) -> None:
+    def _receive(self, frames: Frames) -> None:
         """Put windows into the slot; the receiving thread runs this."""
         try:
             for window in self._ring.windows(frames):
@@ -123,7 +115,7 @@ class Live:
 
 
 def live(
-    frames: Iterable[tuple[float, npt.ArrayLike]],
+    frames: Frames,
     radar: Radar,
     model: Model | None = None,
     *,

@@ -96,26 +96,34 @@ def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
     Two classes: Platt's sigmoid with targets (n + 1) / (n + 2); more: temperature scaling with
     corrected biases (Alexandari et al. 2020). Shapes: log_probability (n, n_classes); labels (n,).
     """
-    from scipy.optimize import minimize
-
     n_classes = log_probability.shape[1]
     counts = np.bincount(labels, minlength=n_classes)
     if counts.min() < LEAST_ROWS:
         return Calibration(1.0, np.zeros(n_classes), 0)
-    targets = np.tile(1.0 / (counts[labels] + n_classes)[:, None], (1, n_classes))
-    targets[np.arange(labels.size), labels] += counts[labels] / (counts[labels] + n_classes)
-    weights = row_weights(labels, n_classes)[:, None] / labels.size
+    targets = np.eye(n_classes)[labels] * counts[labels, None] + 1.0
+    weights = row_weights(labels, n_classes) / (counts[labels] + n_classes) / labels.size
+    return fit_calibration(log_probability, weights[:, None] * targets)
+
+
+def fit_calibration(
+    log_probability: FloatArray, targets: FloatArray, log_slope_sd: float = np.inf, shift_sd: float = np.inf
+) -> Calibration:
+    """Fit slope and shift of maximum posterior probability to weights of classes, shape (n, n_classes)."""
+    from scipy.optimize import minimize
+
+    n_classes = log_probability.shape[1]
+    sd = np.array([log_slope_sd, *[shift_sd] * (n_classes - 1)])  # of normal priors
 
     def loss(parameters: FloatArray) -> tuple[float, FloatArray]:
-        shift = np.concatenate([[0.0], parameters[1:]])
-        found = log_softmax(parameters[0] * log_probability + shift)
-        pull = weights * (np.exp(found) * targets.sum(axis=1, keepdims=True) - targets)
-        gradient = np.concatenate([[(pull * log_probability).sum()], pull.sum(axis=0)[1:]])
-        return float(-(weights * targets * found).sum()), gradient
+        slope, shift = np.exp(parameters[0]), np.append(0.0, parameters[1:])
+        found = log_softmax(slope * log_probability + shift)
+        pull = np.exp(found) * targets.sum(axis=1, keepdims=True) - targets
+        gradient = np.append(slope * (pull * log_probability).sum(), pull.sum(axis=0)[1:])
+        return float(((parameters / sd) ** 2).sum() / 2.0 - (targets * found).sum()), gradient + parameters / sd**2
 
-    bounds: list[tuple[float | None, float | None]] = [(1e-3, STEEPEST), *[(None, None)] * (n_classes - 1)]
-    best = minimize(loss, np.array([1.0, *[0.0] * (n_classes - 1)]), jac=True, bounds=bounds, method="L-BFGS-B").x
-    return Calibration(float(best[0]), np.concatenate([[0.0], best[1:]]), int(labels.size))
+    bounds = [(math.log(1e-3), math.log(STEEPEST)), *[(None, None)] * (n_classes - 1)]
+    log_slope, *shift = minimize(loss, np.zeros(n_classes), jac=True, bounds=bounds, method="L-BFGS-B").x
+    return Calibration(float(np.exp(log_slope)), np.append(0.0, shift), len(targets))
 
 
 def find_detection_threshold(probability: FloatArray, positive: npt.NDArray[np.bool_], share: float) -> float:
@@ -146,35 +154,23 @@ def read_prf_hz(signature: xr.DataArray) -> float:
     return float(np.ptp(doppler_hz) * doppler_hz.size / (doppler_hz.size - 1))
 
 
-def collect_conditions(columns: Mapping[str, Any], signature: xr.DataArray | None) -> dict[str, float]:
-    """Return the observation conditions of a target; NaN for unknown."""
-    keys = ("quality_observation_s", "quality_track_velocity_mps", "quality_snr_mu_db")
-    observed_s, speed_mps, snr_db = (math.nan if columns.get(key) is None else float(columns[key]) for key in keys)
-    carrier_hz, prf_hz = (float(columns.get(name) or math.nan) for name in ("carrier_hz", "prf_hz"))
-    if signature is not None:
-        carrier_hz, prf_hz = SPEED_OF_LIGHT_MPS / read_wavelength_m(signature), read_prf_hz(signature)
+def collect_conditions(columns: Mapping[Any, Any] | pd.DataFrame, carrier_hz: FloatArray) -> dict[str, FloatArray]:
+    """Return the observation conditions of rows (n,); NaN for unknown."""
+    names = ("prf_hz", "observation_s", "quality_observation_s", "quality_track_velocity_mps", "quality_snr_mu_db")
+    unknown = np.full(carrier_hz.shape, np.nan)
+    prf_hz, asked_s, observed_s, speed_mps, snr_db = (read_numbers(columns.get(name, unknown)) for name in names)
     return {
         "carrier_hz": carrier_hz,
         "prf_hz": prf_hz,
-        "observation_s": observed_s,
-        "speed_mps": abs(speed_mps),
+        "observation_s": np.where(np.isnan(observed_s), asked_s, observed_s),
+        "speed_mps": np.abs(speed_mps),
         "snr": 10.0 ** (snr_db / 10.0),
     }
 
 
 def conditions_of_rows(rows: Rows) -> dict[str, FloatArray]:
     """Return every row's conditions, NaN for unknown."""
-    names = ("quality_observation_s", "observation_s", "prf_hz", "quality_track_velocity_mps", "quality_snr_mu_db")
-    observed_s, asked_s, prf_hz, speed_mps, snr_db = (
-        read_numbers(rows.index[name]) if name in rows.index else np.full(len(rows), np.nan) for name in names
-    )
-    return {
-        "carrier_hz": SPEED_OF_LIGHT_MPS / wavelengths_m(rows),
-        "prf_hz": prf_hz,
-        "observation_s": np.where(np.isnan(observed_s), asked_s, observed_s),
-        "speed_mps": np.abs(speed_mps),
-        "snr": 10.0 ** (snr_db / 10.0),
-    }
+    return collect_conditions(rows.index, SPEED_OF_LIGHT_MPS / wavelengths_m(rows))
 
 
 def find_training_conditions(
@@ -206,9 +202,7 @@ def accepted_range(name: str, low: float, high: float) -> tuple[float, float]:
 def describe_outside_conditions(found: Mapping[str, float], trained: Conditions) -> list[str]:
     """Describe conditions outside the training range, or unknown."""
     said = []
-    for name in TOLERANCE:
-        if name not in trained:
-            continue
+    for name in filter(trained.__contains__, TOLERANCE):
         words = format_span(*trained[name])
         if math.isnan(found[name]):
             said.append(f"{name} is unknown; the training range is {words}")
@@ -331,16 +325,15 @@ class Model:
         return np.asarray(far | (np.isnan(values) & (self.unknown < RARELY)))
 
     def describe_outside(self, row: Inputs) -> list[str]:
-        """Describe features of one row outside the training range."""
-        found, values = [], select_features(row[None])[0]
-        low, high = self._accepted
-        for n in np.flatnonzero(self.mark_outside(row[None])[0]):
-            name = self.facts.names[n]
+        """Describe features outside the training range, of inputs of one row."""
+        found, (low, high) = [], self._accepted
+        for n in np.flatnonzero(self.mark_outside(row)[0]):
+            name, value = self.facts.names[n], select_features(row)[0, n]
             accepted = f"{low[n]:.3g} to {high[n]:.3g} (training range {self.lowest[n]:.3g} to {self.highest[n]:.3g})"
-            if np.isnan(values[n]):
+            if np.isnan(value):
                 found.append(f"{name} is unknown, unlike in the training data")
             else:
-                found.append(f"{name} {values[n]:.3g} is outside the accepted range, {accepted}")
+                found.append(f"{name} {value:.3g} is outside the accepted range, {accepted}")
         return found
 
     @property

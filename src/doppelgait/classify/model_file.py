@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from doppelgait.classify.data import BANDWIDTH, ENVELOPE_WIDTH, SPEED, VELOCITY, WIDTH
 from doppelgait.classify.learned import (
+    LAYERS,
     Columns,
     Constant,
     Ensemble,
@@ -30,7 +31,7 @@ from doppelgait.classify.learned import (
     Novelty,
     TrackNetwork,
     Trees,
-    name_layers,
+    list_arrays,
 )
 from doppelgait.classify.model import Calibration, Facts, Model, mark_outside
 from doppelgait.core.config import validate
@@ -48,6 +49,7 @@ exist. 3: ensembles exist. 4: networks of tracks exist; a model may have one nex
 SUFFIX = ".npz"
 TRACK = "track."  # begins the names of the arrays of a model of tracks
 MAX_BYTES = 256_000_000  # maximum size of all arrays together; models of doppelgait are far smaller
+SPANS = ("lowest", "highest", "unknown")
 MOST_MEMBERS, MOST_LAYERS = 64, 5
 SHOWN = 300  # maximum number of characters of a reason in an error
 LARGEST = 1e30  # maximum absolute value of the numbers of a model, except thresholds of trees
@@ -112,13 +114,9 @@ def save_model(model: Model, path: str | Path) -> Path:
 def _pack_model(model: Model) -> tuple[dict[str, Any], Arrays]:
     form, arrays = _pack(model.learned)
     facts = {**form, "facts": model.facts.model_dump(mode="json"), "calibration_rows": model.calibration.n_rows}
-    arrays |= {
-        "calibration.slope": np.array([model.calibration.slope]),
-        "calibration.shift": model.calibration.shift,
-        "lowest": model.lowest,
-        "highest": model.highest,
-        "unknown": model.unknown,
-    }
+    arrays["calibration.slope"] = np.array([model.calibration.slope])
+    arrays["calibration.shift"] = model.calibration.shift
+    arrays |= {name: getattr(model, name) for name in SPANS}
     if model.novelty is not None:
         arrays |= {f"novelty.{name}": values for name, values in vars(model.novelty).items()}
     if model.track is not None:
@@ -130,22 +128,23 @@ def _pack_model(model: Model) -> tuple[dict[str, Any], Arrays]:
 def _unpack_model(document: Mapping[str, Any], arrays: Arrays, path: str | Path) -> Model:
     facts = validate(Facts, document["facts"], where=str(path))
     own = {name: values for name, values in arrays.items() if not name.startswith(TRACK)}
-    learned = _unpack(document, own)
-    calibration = Calibration(
-        float(own["calibration.slope"][0]), own["calibration.shift"], int(document["calibration_rows"])
-    )
+    slope, shift = float(own["calibration.slope"][0]), own["calibration.shift"]
     novelty = None
     if any(name.startswith("novelty.") for name in own):  # older models have none
         novelty = Novelty(**{each.name: own[f"novelty.{each.name}"] for each in fields(Novelty)})
-    model = Model(facts, learned, calibration, own["lowest"], own["highest"], own["unknown"], novelty)
+    calibration = Calibration(slope, shift, int(document["calibration_rows"]))
+    model = Model(facts, _unpack(document, own), calibration, own["lowest"], own["highest"], own["unknown"], novelty)
     _check_model(model)
     if "track" not in document:
         return model
-    rest = {name.removeprefix(TRACK): values for name, values in arrays.items() if name.startswith(TRACK)}
-    track = _unpack_model(document["track"], rest, path)
+    track = _unpack_model(document["track"], _select_part(arrays, TRACK), path)
     if not isinstance(track.learned, TrackNetwork) or track.track or track.facts.alarm != facts.alarm:
         raise ValueError("its model of tracks is none, or has another alarm")
     return replace(model, track=track)
+
+
+def _select_part(arrays: Arrays, start: str) -> Arrays:
+    return {name.removeprefix(start): values for name, values in arrays.items() if name.startswith(start)}
 
 
 def _pack(learned: Learned) -> tuple[dict[str, Any], Arrays]:
@@ -158,32 +157,26 @@ def _pack(learned: Learned) -> tuple[dict[str, Any], Arrays]:
             forms.append(form)
             arrays |= {f"member.{number}.{name}": values for name, values in own.items()}
         return {"learned": "ensemble", "patch": None, "members": forms}, arrays
-    arrays = {name: values for name, values in vars(learned).items() if isinstance(values, np.ndarray)}
-    if isinstance(learned, Network | TrackNetwork):
-        arrays |= name_layers(learned)
+    arrays = {name: values for name, values in list_arrays(learned).items() if isinstance(values, np.ndarray)}
     patch = learned.patch.model_dump(mode="json") if isinstance(learned, Network) else None
     return {"learned": next(name for name, kind in KINDS.items() if isinstance(learned, kind)), "patch": patch}, arrays
 
 
 def _unpack(form: Mapping[str, Any], arrays: Arrays) -> Learned:
     if form["learned"] == "ensemble":
-        members = []
-        for number, own in enumerate(form["members"][:MOST_MEMBERS]):
-            start = f"member.{number}."
-            part = {name.removeprefix(start): values for name, values in arrays.items() if name.startswith(start)}
-            if own["learned"] == "ensemble":
-                raise ValueError("its members are ensembles")
-            members.append(_unpack(own, part))
+        forms = form["members"][:MOST_MEMBERS]
+        if any(own["learned"] == "ensemble" for own in forms):
+            raise ValueError("its members are ensembles")
+        members = [_unpack(own, _select_part(arrays, f"member.{number}.")) for number, own in enumerate(forms)]
         return Ensemble(tuple(members), arrays["weights"], arrays["slopes"], arrays["shifts"])
     if form["learned"] == "kernel":
         raise ConfigError("it has support vector machines, which this version has no longer; train it again")
-    kind = KINDS[form["learned"]]
-    values: dict[str, Any] = dict(arrays)
+    kind, values = KINDS[form["learned"]], dict[str, Any](arrays)
     if kind is Linear:
         values.setdefault("floor", np.zeros(0))
     if kind in (Network, TrackNetwork):
         count = sum(name.startswith("kernel.") for name in arrays)
-        for name, layers in (("kernel", "kernels"), ("scale", "scales"), ("bias", "biases")):
+        for name, layers in LAYERS.items():
             values[layers] = tuple(arrays[f"{name}.{n}"] for n in range(count))
     if kind is Network:
         values["patch"] = validate(Patch, form["patch"], where="patch")
@@ -202,11 +195,6 @@ def load_model(path: str | Path) -> Model:
         If the file is missing, is not a model of doppelgait, or is damaged, inconsistent or of a
         newer version.
 
-    See Also
-    --------
-    save_model : write a model file.
-    open_model : load a file or an included model.
-
     Examples
     --------
     >>> import doppelgait as dg
@@ -216,10 +204,19 @@ def load_model(path: str | Path) -> Model:
     ('human', 'animal')
     """
     try:
-        text, arrays = _read_arrays(Path(path))
-        document = parse_json(text)
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > MAX_BYTES:
+            raise ValueError(f"holds {size / 1e6:.0f} MB, a model has at most {MAX_BYTES / 1e6:.0f}")
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: np.asarray(archive[name]) for name in archive.files}
+        document = parse_json(arrays.pop("model").tobytes().decode())
+        for name, values in arrays.items():
+            if values.dtype.kind not in "fiu":
+                raise ValueError(f"{name} holds {values.dtype}, not numbers")
+            arrays[name] = values.astype(np.int64) if name.split(".")[-1] in INTEGERS else values
         MODEL.check(path, document)
-        model = _unpack_model(document, arrays, path)
+        return _unpack_model(document, arrays, path)
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from None
     except ConfigError as error:
@@ -229,22 +226,6 @@ def load_model(path: str | Path) -> Model:
     except Exception as error:  # NumPy and the archive raise whatever they like at damaged files
         reason = " ".join(str(error).split())[:SHOWN]
         raise DatasetError(f"{path}: is not a model of doppelgait, or is damaged: {reason}") from None
-    return model
-
-
-def _read_arrays(path: Path) -> tuple[str, Arrays]:
-    with zipfile.ZipFile(path) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
-    if size > MAX_BYTES:
-        raise ValueError(f"holds {size / 1e6:.0f} MB, a model has at most {MAX_BYTES / 1e6:.0f}")
-    with np.load(path, allow_pickle=False) as archive:
-        arrays = {name: np.asarray(archive[name]) for name in archive.files}
-    text = arrays.pop("model").tobytes().decode()
-    for name, values in arrays.items():
-        if values.dtype.kind not in "fiu":
-            raise ValueError(f"{name} holds {values.dtype}, not numbers")
-        arrays[name] = values.astype(np.int64) if name.split(".")[-1] in INTEGERS else values
-    return text, arrays
 
 
 def _check_model(model: Model) -> None:
@@ -285,55 +266,41 @@ def _check_shapes(arrays: Mapping[str, Any], shapes: Mapping[str, str], sizes: d
 
 def _check_learned(learned: Any, sizes: Mapping[str, int]) -> None:
     """Check the numbers of a trained model and their shapes."""
-    _check_numbers(learned)
+    for name, values in list_arrays(learned).items():
+        if isinstance(values, np.ndarray):  # a threshold of a tree may be infinite
+            good = ~np.isnan(values) if name == "threshold" else np.abs(values.astype(np.float64)) < LARGEST
+            if not good.all():
+                raise ValueError(f"{name} holds NaN, infinity or more than {LARGEST:g}")
     own = {**sizes, "u": 1 if sizes["c"] == 2 else sizes["c"]}
+    if isinstance(learned, Columns):
+        own["k"] = own["f"] + learned.told.size
+        _check_columns(learned, own["f"])
     match learned:
         case TrackNetwork():
-            own |= _check_track_network(learned, own["f"])
-        case Columns():
-            own["k"] = own["f"] + learned.told.size
+            channels, m = _check_layers(learned, N_SLICES, learned.embed_weight), len(learned.gate_bias)
+            if not (learned.forgetting_hz >= 0).all() or len(learned.kernels) > MOST_LAYERS:
+                raise ValueError(f"forgets at rates below 0, or has more than {MOST_LAYERS} layers")
+            own |= {"v": len(learned.feature_bias), "p": 2 * channels + len(learned.feature_bias)}
+            own |= {"q": len(learned.embed_bias) + 2, "m": m, "s": 3 * m}
         case Ensemble():
             own["m"] = len(learned.members)
             if not 0 < own["m"] <= MOST_MEMBERS:
                 raise ValueError(f"has {own['m']} members, allowed are 1 to {MOST_MEMBERS}")
-        case Network():
-            own["i"] = _check_layers(learned, 1, learned.weight)
-            if min(learned.patch.n_velocity, learned.patch.n_time) % 2 ** len(learned.kernels):
-                raise ValueError("its pictures cannot be halved as often as it has layers")
-    _check_shapes(vars(learned), SHAPES[type(learned)], own)
-    match learned:
-        case Linear() | Novelty() | TrackNetwork():
-            _check_columns(learned, own["f"])
-        case Trees():
-            _check_trees(learned, own["f"])
-        case Ensemble():
             for name in ("weights", "slopes"):
                 if not (getattr(learned, name) > 0).all():
                     raise ValueError(f"{name} holds numbers that are not above 0")
             for member in learned.members:
                 _check_learned(member, sizes)
+        case Network():
+            own["i"] = _check_layers(learned, 1, learned.weight)
+            if min(learned.patch.n_velocity, learned.patch.n_time) % 2 ** len(learned.kernels):
+                raise ValueError("its pictures cannot be halved as often as it has layers")
+    _check_shapes(vars(learned), SHAPES[type(learned)], own)
+    if isinstance(learned, Trees):
+        _check_trees(learned, own["f"])
 
 
-def _check_numbers(learned: Any) -> None:
-    """Refuse NaN, infinity and overflow of a sum."""
-    for name, values in vars(learned).items():
-        for array in values if isinstance(values, tuple) else (values,):
-            if isinstance(array, np.ndarray):
-                # a threshold of a tree may be infinite
-                bad = np.isnan(array) if name == "threshold" else ~(np.abs(array.astype(np.float64)) < LARGEST)
-                if bad.any():
-                    raise ValueError(f"{name} holds NaN, infinity or more than {LARGEST:g}")
-
-
-def _check_track_network(learned: TrackNetwork, n_features: int) -> dict[str, int]:
-    channels, features = _check_layers(learned, N_SLICES, learned.embed_weight), len(learned.feature_bias)
-    if not (learned.forgetting_hz >= 0).all() or len(learned.kernels) > MOST_LAYERS:
-        raise ValueError(f"forgets at rates below 0, or has more than {MOST_LAYERS} layers")
-    sizes = {"k": n_features + learned.told.size, "v": features, "p": 2 * channels + features}
-    return sizes | {"q": len(learned.embed_bias) + 2, "m": len(learned.gate_bias), "s": 3 * len(learned.gate_bias)}
-
-
-def _check_columns(learned: Linear | Novelty | TrackNetwork, n_features: int) -> None:
+def _check_columns(learned: Any, n_features: int) -> None:
     if learned.floor.size:
         _check_shapes(vars(learned), {"floor": "f"}, {"f": n_features})
     if not (learned.scale > 1.0 / LARGEST).all():
@@ -343,16 +310,16 @@ def _check_columns(learned: Linear | Novelty | TrackNetwork, n_features: int) ->
 
 
 def _check_trees(learned: Trees, n_features: int) -> None:
-    count = learned.feature.size
-    inner, own = learned.feature >= 0, np.arange(count)
-    for child in (learned.left, learned.right):
-        if (child[inner] <= own[inner]).any() or (child[inner] >= count).any():
+    count, inner, roots = learned.feature.size, learned.feature >= 0, learned.root
+    for child in (learned.left[inner], learned.right[inner]):
+        if (child <= np.flatnonzero(inner)).any() or (child >= count).any():
             raise ValueError("its trees have nodes that lead nowhere or back")
-    if count == 0 or learned.feature.max() >= n_features or learned.root.min() < 0 or learned.root.max() >= count:
+    if count == 0 or learned.feature.max() >= n_features or roots.min() < 0 or roots.max() >= count:
         raise ValueError("its trees use features or nodes that do not exist")
 
 
 def _check_layers(learned: Network | TrackNetwork, n_in: int, weight: Levels) -> int:
+    """Check convolutional layers and the size of their values; return the number of channels."""
     highest = 1.0  # of levels, 0 to 1, and of every layer
     for number, layer in enumerate(zip(learned.kernels, learned.scales, learned.biases, strict=True)):
         sizes = {"i": n_in, "3": 3}
@@ -434,10 +401,6 @@ def find_shipped_model(carrier_hz: float, prf_hz: float) -> str:
     ------
     ConfigError
         If none fits.
-
-    See Also
-    --------
-    load_shipped_model : load the model by its name.
 
     Examples
     --------

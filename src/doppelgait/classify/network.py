@@ -21,7 +21,6 @@ from doppelgait.classify.learned import (
     IntArray,
     LabelledRows,
     Network,
-    Seen,
     TrackNetwork,
     find_windows_before,
     select_features,
@@ -95,11 +94,11 @@ def train_network(
         raise DatasetError(NO_TORCH) from None
 
     spec, settings = spec or Patch(), settings or Training()
-    train, held = _drop_missing(train), _drop_missing(held)
+    known = [np.array([whole is not None for whole in part.values], dtype=bool) for part in (train, held)]
+    train, held = (LabelledRows(p.values[own], p.labels[own]) for p, own in zip((train, held), known, strict=True))
     if not train.labels.size:
         raise DatasetError("no training row has a signature")
-    rng = np.random.default_rng(seed)
-    weights = row_weights(train.labels, n_classes)
+    rng, weights = np.random.default_rng(seed), row_weights(train.labels, n_classes)
     with _make_deterministic(torch, seed):
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         model = build_model(torch, n_classes, settings.dropout).to(device, memory_format=torch.channels_last)
@@ -109,17 +108,29 @@ def train_network(
         for epoch in range(n_epochs):
             slowly = settings.widening * n_epochs
             width = min(1.0, epoch / slowly) if slowly > 1.0 else 1.0  # the limits always widen before the last epoch
-            _train_epoch(torch, model, optimiser, device, train, weights, rng, spec, settings, width)
-            loss = (
-                _compute_validation_loss(torch, model, device, held, n_classes, spec) if held.labels.size else -np.inf
-            )
-            if loss <= best_loss:
-                best, best_loss, since = copy.deepcopy(model.state_dict()), loss, 0
-            else:
-                since += 1
+            model.train()
+            order = rng.permutation(train.labels.size)
+            for first in range(0, order.size, settings.batch_size):
+                raise_if_stopped()
+                rows = order[first : first + settings.batch_size]
+                if rows.size < 2:  # batch normalisation needs two
+                    continue
+                pictures = torch.from_numpy(augment(train.values[rows], rng, spec, settings, width)).to(device)
+                labels = torch.from_numpy(train.labels[rows]).to(device)
+                each = torch.nn.functional.cross_entropy(model(pictures[:, None]), labels, reduction="none")
+                loss = (each * torch.from_numpy(weights[rows]).to(each)).mean()
+                optimiser.zero_grad()
+                loss.backward()
+                optimiser.step()
+            of_held = _compute_held_loss(torch, model, device, held, n_classes, spec) if held.labels.size else -np.inf
+            since = 0 if of_held <= best_loss else since + 1
+            if since == 0:
+                best, best_loss = copy.deepcopy(model.state_dict()), of_held
             if since >= settings.patience:
                 break
-    return _to_arrays(best, spec)
+    last = f"{4 * len(CHANNELS) + 3}"
+    weight, bias = (best[f"{last}.{name}"].cpu().contiguous().numpy() for name in ("weight", "bias"))
+    return Network(*_read_layers(best, len(CHANNELS)), weight, bias, spec)
 
 
 def _build_layers(nn: Any, channels: Sequence[int]) -> list[Any]:
@@ -138,11 +149,6 @@ def build_model(torch: Any, n_classes: int, dropout: float) -> Any:
     return nn.Sequential(*layers)
 
 
-def _drop_missing(part: LabelledRows) -> LabelledRows:
-    present = np.array([whole is not None for whole in part.values], dtype=bool)
-    return LabelledRows(part.values[present], part.labels[present])
-
-
 @contextmanager
 def _make_deterministic(torch: Any, seed: int) -> Iterator[None]:
     """Seed torch and make it deterministic, then restore its settings."""
@@ -154,34 +160,6 @@ def _make_deterministic(torch: Any, seed: int) -> Iterator[None]:
             yield
         finally:
             torch.set_num_threads(threads)
-
-
-def _train_epoch(
-    torch: Any,
-    model: Any,
-    optimiser: Any,
-    device: Any,
-    train: LabelledRows,
-    weights: FloatArray,
-    rng: np.random.Generator,
-    spec: Patch,
-    settings: Training,
-    width: float,
-) -> None:
-    model.train()
-    order = rng.permutation(train.labels.size)
-    for first in range(0, order.size, settings.batch_size):
-        raise_if_stopped()
-        rows = order[first : first + settings.batch_size]
-        if rows.size < 2:  # batch normalisation needs two
-            continue
-        pictures = torch.from_numpy(augment(train.values[rows], rng, spec, settings, width)).to(device)
-        labels = torch.from_numpy(train.labels[rows]).to(device)
-        each = torch.nn.functional.cross_entropy(model(pictures[:, None]), labels, reduction="none")
-        loss = (each * torch.from_numpy(weights[rows]).to(each)).mean()
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
 
 
 def augment(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Training, width: float = 1.0) -> Levels:
@@ -214,10 +192,7 @@ def stretch_pictures(pictures: Levels, factors: FloatArray) -> Levels:
     return np.asarray(np.nan_to_num(between), dtype=np.float32)
 
 
-def _compute_validation_loss(
-    torch: Any, model: Any, device: Any, held: LabelledRows, n_classes: int, spec: Patch
-) -> float:
-    """Return the class-balanced log loss of the held-out signatures."""
+def _compute_held_loss(torch: Any, model: Any, device: Any, held: LabelledRows, n_classes: int, spec: Patch) -> float:
     model.eval()
     weights, total = row_weights(held.labels, n_classes), 0.0
     for first in range(0, held.labels.size, AT_A_TIME):
@@ -228,14 +203,6 @@ def _compute_validation_loss(
         each = torch.nn.functional.cross_entropy(scores.cpu(), torch.from_numpy(held.labels[rows]), reduction="none")
         total += float((each.double() * torch.from_numpy(weights[rows])).sum())
     return total / held.labels.size
-
-
-def _to_arrays(state: Mapping[str, Any], spec: Patch) -> Network:
-    """Convert to plain arrays."""
-    last = f"{4 * len(CHANNELS) + 3}"
-    weight, bias = (state[f"{last}.{name}"].cpu().contiguous().numpy() for name in ("weight", "bias"))
-    kernels, scales, biases = _read_layers(state, len(CHANNELS))
-    return Network(kernels, scales, biases, weight, bias, spec)
 
 
 def _read_layers(
@@ -291,11 +258,6 @@ def train_track_network(
     return TrackNetwork(**own, **_read_track_model(model.eval()))
 
 
-def _list_tracks(seen: list[Seen]) -> list[IntArray]:
-    order, _ = find_windows_before(seen)
-    return np.split(order, np.flatnonzero(np.diff([seen[n].track for n in order])) + 1)
-
-
 def _build_track_model(torch: Any, n_columns: int, n_classes: int) -> Any:
     nn, n_in = torch.nn, TRACK_CHANNELS[-1]
     layers = _build_layers(nn, (N_SLICES, *TRACK_CHANNELS))
@@ -323,7 +285,9 @@ def _train_tracks(
     rng: np.random.Generator,
     epochs: int,
 ) -> None:
-    tracks, seen = _list_tracks(train.values[:, -1].tolist()), train.values[:, -1]
+    seen = train.values[:, -1]
+    whole, _ = find_windows_before(seen.tolist())
+    tracks = np.split(whole, np.flatnonzero(np.diff([seen[n].track for n in whole])) + 1)
     n_steps = -(-len(tracks) // BATCH_TRACKS) * epochs
     optimiser = torch.optim.AdamW(model.parameters(), weight_decay=WEIGHT_DECAY)
     rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, LEARNING_RATE, total_steps=n_steps)

@@ -32,7 +32,6 @@ from doppelgait.viz.style import (
 BASELINE_COLOUR = "#888888"
 BASELINE_STYLES = {"chance": ":", "nuisance": "--", "speed": "-."}
 MOST_FEATURES = 15
-CONFIDENCE_LABEL, CORRECT_LABEL = "confidence", "share of correct rows"
 ALONE = "the only class present"
 HOLLOW: dict[str, Any] = {"marker": "D", "mfc": "none", "ls": ""}  # recalls, which are no balanced accuracies
 
@@ -42,25 +41,27 @@ FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
 LISTING = "report.json"
 
 SCORES_TEXT = (
-    "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact where there are few targets or no "
-    "errors). <i>Decided</i>: rows that the model does not abstain from, and its balanced accuracy among them. Grey: "
-    "baselines: the most frequent class (chance); the parameters that must not predict the class (nuisance); the speed "
-    "alone.</p>"
+    "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact where there are "
+    "few targets or no errors). <i>Decided</i>: rows that the model does not abstain from, and its"
+    " balanced accuracy among them. Grey: baselines: the most frequent class (chance); the "
+    "parameters that must not predict the class (nuisance); the speed alone.</p>"
 )
 ADAPTATION_TEXT = (
-    "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on targets of which no "
-    "recording was used, after so many recordings of each class were: mean of 50 draws, 80 % of them lie within the "
-    "range. The scored targets depend on the count: compare with the score of the same targets before. A saved model "
-    "is adapted to all of them.</p>"
+    "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on "
+    "targets of which no recording was used, after so many recordings of each class were: mean of "
+    "50 draws, 80 % of them lie within the range. The scored targets depend on the count: compare "
+    "with the score of the same targets before. A saved model is adapted to all of them.</p>"
 )
 UNKNOWN_TEXT = (
-    "<h2>Kinds outside the training data</h2><p>Kinds outside the training data, for which no class is correct: how "
-    "well the distance from these data, and the lack of certainty, separate them from the tested rows (area under the "
-    "ROC curve, 0.5: not at all), and the share with a decision for a class.</p>"
+    "<h2>Kinds outside the training data</h2><p>Kinds outside the training data, for which no "
+    "class is correct: how well the distance from these data, and the lack of certainty, separate "
+    "them from the tested rows (area under the ROC curve, 0.5: not at all), and the share with a "
+    "decision for a class.</p>"
 )
 ALARM_TEXT = (
-    "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of its class: by "
-    "the rows held back for calibration, as in use, and read off the ROC curve of the tested rows.</p>"
+    "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 %"
+    " of its class: by the rows held back for calibration, as in use, and read off the ROC curve "
+    "of the tested rows.</p>"
 )
 
 
@@ -116,9 +117,9 @@ def score_bars(document: Document) -> Figure:
         if found["value"] is None:
             recalls = _list_recalls(model)
             axes.plot(recalls, [place] * len(recalls), color=colour, ms=6, **HOLLOW)
-            continue
-        spread = [[found["value"] - found["low"]], [found["high"] - found["value"]]]
-        axes.errorbar([found["value"]], [place], xerr=spread, color=colour, **style)
+        else:
+            spread = [[found["value"] - found["low"]], [found["high"] - found["value"]]]
+            axes.errorbar([found["value"]], [place], xerr=spread, color=colour, **style)
     axes.set_yticks(range(len(models)), labels=list(reversed(models)))
     axes.errorbar([], [], xerr=[], color="black", label="value and 95 % interval", **style)
     axes.axvline(1.0 / len(document["classes"]), color="black", ls=":", lw=1.0, label="chance")
@@ -172,25 +173,24 @@ def plot_roc(document: Document, label: str) -> Figure:
     return figure
 
 
-def _plot_calibrated(axes: Axes, document: Document) -> None:
+def _plot_reliability(axes: Axes, document: Document, curves: Mapping[str, tuple[Any, Any]], **legend: Any) -> None:
     lowest = 1.0 / len(document["classes"])
     axes.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0, label="calibrated")
+    for name, (model, look) in curves.items():
+        x, y, shares = ([entry[key] for entry in model["reliability"]] for key in ("confidence", "accuracy", "share"))
+        text = f"{name}: calibration error {model['expected_calibration_error']:.3f}"
+        text += f", Brier score {model['brier']:.3f}" if "brier" in model else ""
+        axes.plot(x, y, lw=1.4, label=text, **look)
+        axes.scatter(x, y, s=[20.0 + 200.0 * share for share in shares], color=look["color"], alpha=0.7)
+    _finish(axes, "Calibration", "confidence", "share of correct rows", **legend)
 
 
 def plot_reliability(document: Document) -> Figure:
     """Plot accuracy against confidence of all models but the baselines."""
-    looks = _choose_line_styles(document)
+    looks, models = _choose_line_styles(document), document["models"].items()
     figure, axes = make_axes(width_in=7.0, height_in=6.0)
-    _plot_calibrated(axes, document)
-    for name, model in document["models"].items():
-        if model["kind"]["baseline"]:
-            continue
-        x, y, shares = ([entry[key] for entry in model["reliability"]] for key in ("confidence", "accuracy", "share"))
-        error, brier = model["expected_calibration_error"], model["brier"]
-        text = f"{name}: calibration error {error:.3f}, Brier score {brier:.3f}"
-        axes.plot(x, y, lw=1.4, label=text, **looks[name])
-        axes.scatter(x, y, s=[20.0 + 200.0 * share for share in shares], color=looks[name]["color"], alpha=0.7)
-    _finish(axes, "Calibration", CONFIDENCE_LABEL, CORRECT_LABEL, columns=1)
+    curves = {name: (model, looks[name]) for name, model in models if not model["kind"]["baseline"]}
+    _plot_reliability(axes, document, curves, columns=1)
     return figure
 
 
@@ -206,15 +206,11 @@ def plot_adaptation(document: Document) -> Figure:
         axes.plot(counts, accuracy, marker="o", label=name, **looks[name])
         axes.fill_between(counts, low, high, color=looks[name]["color"], alpha=0.12, lw=0)
     axes.fill_between([], [], [], color="black", alpha=0.12, lw=0, label="80 % of the draws")
-    best = document["kept"] if document["kept"] in shown else next(iter(shown))
-    _plot_calibrated(calibrated, document)
-    for point, colour in zip((shown[best][0], shown[best][-1]), SERIES_COLOURS, strict=False):
-        x, y = ([entry[key] for entry in point["reliability"]] for key in ("confidence", "accuracy"))
-        text = f"{point['n']} own recordings: calibration error {point['expected_calibration_error']:.3f}"
-        calibrated.plot(x, y, marker="o", color=colour, label=text)
     _finish(axes, "Adaptation", "own recordings of each class", "balanced accuracy", where="panel", columns=2)
-    title = f"Calibration of {best}"
-    _finish(calibrated, title, CONFIDENCE_LABEL, CORRECT_LABEL, where="panel", columns=2)
+    best = document["kept"] if document["kept"] in shown else next(iter(shown))
+    ends = zip((shown[best][0], shown[best][-1]), SERIES_COLOURS, strict=False)
+    curves = {f"{best}, {point['n']} own recordings": (point, {"color": colour}) for point, colour in ends}
+    _plot_reliability(calibrated, document, curves, where="panel", columns=1)
     return figure
 
 
@@ -222,10 +218,8 @@ def plot_condition(document: Document, condition: str) -> Figure:
     """Plot balanced accuracy in bins of a condition."""
     looks, facts = _choose_line_styles(document), document["conditions"][condition]
     figure, axes = make_axes(width_in=9.0, height_in=5.0)
-    count = len(facts["models"])
     for number, (name, bins) in enumerate(facts["models"].items()):
-        step = bins[0]["to"] - bins[0]["from"]
-        shift = step * (number - (count - 1) / 2.0) * 0.5 / max(count, 1)
+        shift = (bins[0]["to"] - bins[0]["from"]) * ((number + 0.5) / len(facts["models"]) - 0.5) * 0.5
         whole = []
         for entry in bins:
             middle = (entry["from"] + entry["to"]) / 2.0 + shift
@@ -285,10 +279,6 @@ def write_report(found: Evaluation, folder: str | Path, *, figure_format: str = 
     ConfigError, OutputError
         If the folder cannot be used; what was there before is untouched.
 
-    See Also
-    --------
-    evaluate : train and score the models.
-
     Examples
     --------
     >>> import doppelgait as dg
@@ -324,17 +314,33 @@ def write_report(found: Evaluation, folder: str | Path, *, figure_format: str = 
 
 def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
     """Format the page as HTML."""
-    data, other = document["dataset"], document["test_dataset"]
     tested = ", ".join(f"{count} {name}" for name, count in document["tested"].items())
     folds = [
         {"fold": fold["name"]}
         | {key: f"{fold[key]['n']} of {fold[key]['movers']} targets" for key in ("train", "held", "test")}
         for fold in document["folds"]
     ]
+    used = {"trained on": document["dataset"], "tested on": document["test_dataset"]}
+    used = {role: facts for role, facts in used.items() if facts}
+    about = {
+        role: f"{escape(str(facts['name']))} ({facts['n_rows']} rows, {escape(facts['origin'])}, id "
+        f"{escape(str(facts['id']))})"
+        for role, facts in used.items()
+    }
+    title = f"{document['dataset']['name']}: classification"
     grey = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
-    scores, *sections = list_sections(document)
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        f"<p>Trained on {about['trained on']}; tested on {about.get('tested on', 'rows of it')}: {escape(tested)}. "
+        f"No tested target is in the training data. doppelgait {escape(document['doppelgait_version'])}, seed "
+        f"{document['seed']}.</p>",
+        *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
+    ]
+    for number, (words, rows) in enumerate(list_sections(document)):
+        parts += [*filter(None, [words]), format_table(rows, grey=grey), *([] if number else [SCORES_TEXT])]
+    parts += [format_figure(name, words) for name, words in pictures]
     # Show details of the best model, or of the first trained model if no model is the best.
-    best, details = str(document["kept"] or next(name for name in document["models"] if name not in grey)), []
+    best = str(document["kept"] or next(name for name in document["models"] if name not in grey))
     for column, models in document["breakdowns"].items():
         shares = [
             {
@@ -346,35 +352,14 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
             }
             for entry in models[best]
         ]
-        details += [f"<h2>{escape(best)} by {escape(column)}</h2>", format_table(shares)]
-    parts = [
-        f"<h1>{escape(str(data['name']))}: classification</h1>",
-        f"<p>Trained on {_describe(data)}; tested on {_describe(other) if other else 'rows of it'}: {escape(tested)}. "
-        f"No tested target is in the training data. doppelgait {escape(document['doppelgait_version'])}, seed "
-        f"{document['seed']}.</p>",
-        *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
-        format_table(scores[1], grey=grey),
-        SCORES_TEXT,
-        *(part for words, rows in sections for part in (words, format_table(rows, grey=grey)) if part),
-        *(format_figure(name, words) for name, words in pictures),
-        *details,
-        "<h2>Training and test data</h2>",
-        format_table(folds),
-        *(_format_plan(facts, role) for facts, role in ((data, "trained on"), (other, "tested on")) if facts),
-    ]
-    return format_page(f"{data['name']}: classification", parts)
-
-
-def _describe(facts: Mapping[str, Any]) -> str:
-    name, identity = escape(str(facts["name"])), escape(str(facts["id"]))
-    return f"{name} ({facts['n_rows']} rows, {escape(facts['origin'])}, id {identity})"
-
-
-def _format_plan(facts: Mapping[str, Any], role: str) -> str:
-    plan = f"<pre>{escape(json.dumps(facts['config'], indent=1))}</pre>"
-    if facts["config"] is None:
-        plan = f"<p>It has no plan ({escape(facts['origin'])}).</p>"
-    return f"<h2>Plan, {role}: {escape(str(facts['name']))}, id {escape(str(facts['id']))}</h2>{plan}"
+        parts += [f"<h2>{escape(best)} by {escape(column)}</h2>", format_table(shares)]
+    parts += ["<h2>Training and test data</h2>", format_table(folds)]
+    for role, facts in used.items():
+        plan = f"<pre>{escape(json.dumps(facts['config'], indent=1))}</pre>"
+        if facts["config"] is None:
+            plan = f"<p>It has no plan ({escape(facts['origin'])}).</p>"
+        parts.append(f"<h2>Plan, {role}: {escape(str(facts['name']))}, id {escape(str(facts['id']))}</h2>{plan}")
+    return format_page(title, parts)
 
 
 def list_sections(document: Document) -> list[tuple[str, list[dict[str, str]]]]:

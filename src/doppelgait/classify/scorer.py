@@ -26,9 +26,10 @@ Memory = tuple[Any, Any, int]
 class Scorer:
     """Model of one file (``.npz``).
 
-    ``classes`` and ``features`` are names in their order (no features: a model of signatures alone), ``patch`` is the
-    format of the pictures (None: a model of features alone), ``facts`` has training data, conditions, thresholds.
-    ``part="track"`` is the model of tracks in a file that has one, see :meth:`follow`.
+    ``classes`` and ``features`` are names in their order (no features: a model of signatures
+    alone), ``patch`` is the format of the pictures (None: a model of features alone), ``facts`` has
+    training data, conditions, thresholds. ``part="track"`` is the model of tracks in a file that
+    has one, see :meth:`follow`.
     """
 
     def __init__(self, path: str | Path, part: str = "") -> None:
@@ -43,13 +44,10 @@ class Scorer:
             document, arrays = document[part], dict(_part(arrays, f"{part}."))
         self.facts = document["facts"]
         self.classes, self.features = self.facts["classes"], self.facts["names"]
-        self._arrays = arrays
-        if document["learned"] == "ensemble":
-            forms = document["members"]
-            self._members = [(form, _part(arrays, f"member.{number}.")) for number, form in enumerate(forms)]
-        else:
-            self._members = [(document, arrays)]
-        self._joined = document["learned"] == "ensemble"
+        self._arrays, self._joined = arrays, document["learned"] == "ensemble"
+        forms = enumerate(document["members"]) if self._joined else ()
+        joined = [(form, _part(arrays, f"member.{number}.")) for number, form in forms]
+        self._members = joined or [(document, arrays)]
         self.patch = next((form["patch"] for form, _ in self._members if form["patch"]), None)
 
     def probability(self, features: npt.ArrayLike | None = None, whole: Sequence[Array | None] | None = None) -> Array:
@@ -60,11 +58,10 @@ class Scorer:
         """
         table = None if features is None else np.asarray(features, dtype=np.float64)
         answers = [self._member(form, own, table, whole) for form, own in self._members]
-        if self._joined:
-            joined = zip(self._arrays["weights"], self._arrays["slopes"], self._arrays["shifts"], answers, strict=True)
-            found = log_softmax(sum(w * log_softmax(slope * each + shift) for w, slope, shift, each in joined))
-        else:
-            found = answers[0]
+        if not self._joined:
+            return self._calibrate(answers[0])
+        joined = zip(*(self._arrays[name] for name in ("weights", "slopes", "shifts")), answers, strict=True)
+        found = log_softmax(sum(w * log_softmax(slope * each + shift) for w, slope, shift, each in joined))
         return self._calibrate(found)
 
     def _calibrate(self, log_probability: Array) -> Array:
@@ -76,8 +73,9 @@ class Scorer:
     ) -> tuple[Memory, Array]:
         """Add a window to a track; return its memory and its probabilities.
 
-        ``features`` (d,) and ``pictures`` (any, slices, times, velocities; 0 to 1) are of the window, ``memory`` is
-        None for the first one, ``since_s`` the time since the end of the window before, 0 for the first.
+        ``features`` (d,) and ``pictures`` (any, slices, times, velocities; 0 to 1) are of the
+        window, ``memory`` is None for the first one, ``since_s`` the time since the end of the
+        window before, 0 for the first.
         """
         embedding = embed(self._arrays, np.asarray(features, dtype=np.float64)[None], [pictures])[0]
         memory, answer = remember(self._arrays, memory or (0.0, 0.0, 0), embedding, since_s)
@@ -95,15 +93,13 @@ class Scorer:
         kind = form["learned"]
         if kind == "track":
             raise ValueError("this model follows the windows of tracks: Scorer.follow")
-        if kind == "network":
-            if whole is None:
-                raise ValueError("this model needs levels of signatures")
+        if kind == "network" and whole is not None:
             return network(own, form["patch"], whole)
         if kind == "constant":
-            n = len(features) if features is not None else len(whole)
-            return np.tile(own["log_share"], (n, 1))
-        if features is None:
-            raise ValueError(f"this model needs {len(self.features)} features")
+            return np.tile(own["log_share"], (len(whole if features is None else features), 1))
+        if kind == "network" or features is None:
+            needed = "levels of signatures" if kind == "network" else f"{len(self.features)} features"
+            raise ValueError(f"this model needs {needed}")
         return {"linear": linear, "trees": trees}[kind](own, features)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -35,16 +35,10 @@ BREAKDOWNS = ("truth_gait", "motion_kind", "source", "subject", "session")
 MOST_VALUES = 40
 
 
-def compute_recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArray:
-    """Return every class's recall, NaN where absent."""
-    counts = np.bincount(labels, minlength=n_classes)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.bincount(labels, weights=right, minlength=n_classes) / counts)
-
-
 def balanced_accuracy(labels: IntArray, right: Bools, n_classes: int) -> float:
     """Return the mean recall, NaN if a class is absent."""
-    return float(compute_recalls(labels, right, n_classes).mean())
+    counts, hits = (np.bincount(labels, weights=each, minlength=n_classes) for each in (None, right))
+    return float((hits / np.where(counts > 0, counts, np.nan)).mean())
 
 
 def clopper_pearson_interval(hits: float, n: float, level: float = LEVEL) -> tuple[float, float]:
@@ -253,8 +247,7 @@ def find_alarm_point(answers: Answers) -> dict[str, Any] | None:
     return {"detected_share": DETECTED_SHARE, **rates}
 
 
-@dataclass(frozen=True)
-class Condition:
+class Condition(NamedTuple):
     """A condition of which accuracy is plotted."""
 
     name: str
@@ -263,31 +256,24 @@ class Condition:
     step: float
 
 
+_SPEEDS = ("truth_ground_speed_mps", "quality_ground_speed_mps", "feature_torso_velocity_mps")
 CONDITIONS = (
     Condition("snr", "SNR of the signature (dB)", ("quality_snr_mu_db", "snr_frame_db"), 5.0),
     Condition("aspect", "angle between motion and line of sight (°)", ("truth_aspect_deg", "quality_aspect_deg"), 15.0),
     Condition("observation", "observation time (s)", ("quality_observation_s", "observation_s"), 1.0),
-    Condition(
-        "speed",
-        "speed (m/s)",
-        ("truth_ground_speed_mps", "quality_ground_speed_mps", "feature_torso_velocity_mps"),
-        0.5,
-    ),
+    Condition("speed", "speed (m/s)", _SPEEDS, 0.5),
 )
 
 
 def find_condition_values(index: pd.DataFrame, condition: Condition) -> tuple[str, FloatArray]:
     """Return a condition's best known column and values."""
     for column in condition.columns:
-        if column not in index:
-            continue
-        values = read_numbers(index[column])
+        values = read_numbers(index.get(column, pd.Series(np.nan, index.index)))
         values = np.where(np.isfinite(values), values, np.nan)
-        if np.isfinite(values).mean() < 0.5:
-            continue
-        if condition.name == "aspect":
-            values = np.degrees(np.arccos(np.abs(np.cos(np.radians(values)))))
-        return column, np.abs(values) if condition.name == "speed" else values
+        if np.isfinite(values).mean() >= 0.5:
+            if condition.name == "aspect":
+                values = np.degrees(np.arccos(np.abs(np.cos(np.radians(values)))))
+            return column, np.abs(values) if condition.name == "speed" else values
     return "", np.full(len(index), np.nan)
 
 
@@ -303,46 +289,26 @@ def make_bin_edges(values: FloatArray, step: float) -> FloatArray:
         step *= 2.0
 
 
-def score_bins(answers: Answers, values: FloatArray, edges: FloatArray, *, seed: int) -> list[dict[str, Any]]:
-    """Return balanced accuracy and recalls in bins of a condition."""
-    found = []
-    for low, high in pairwise(edges.tolist()):
-        inside = take_rows(answers, (values >= low) & (values < high))
-        if len(inside):
-            span = {"from": float(low), "to": float(high), "n": len(inside)}
-            found.append({**span, **_score_balanced(inside, seed), "recall": score_recalls(inside)})
-    return found
-
-
-def score_groups(answers: Answers, texts: npt.NDArray[np.str_]) -> list[dict[str, Any]]:
-    """Return every class's accuracy per value of a column."""
-    return [
-        {**share, "value": value, "label": name, "share_value": share["value"]}
-        for value in np.unique(texts).tolist()
-        for name, share in score_recalls(take_rows(answers, texts == value)).items()
-    ]
-
-
 def open_set_scores(model: Model, tested: Inputs, unknown: Rows) -> dict[str, Any]:
     """Score the abstention from every unknown kind."""
     values = collect_inputs(unknown, model.facts.features).values
     answers, kinds, found = answer_rows(model, unknown, values), unknown.index["label"].to_numpy(dtype=str), {}
     doubt = [-model.probability(tested).max(axis=1), -answers.probability.max(axis=1)]
-    distance = None if model.novelty is None else [model.novelty.distance(each) for each in (tested, values)]
-    for kind in np.unique(kinds):
+    measures = dict[str, list[FloatArray]]()
+    if model.novelty is not None:
+        measures["auc"] = [model.novelty.distance(each) for each in (tested, values)]
+    measures["auc_of_probability"] = doubt
+    for kind in np.unique(kinds).tolist():
         own = take_rows(answers, kinds == kind)
         novel = np.arange(len(tested) + len(own)) >= len(tested)
-        areas = [
-            None if far is None else auc(np.concatenate([far[0], far[1][kinds == kind]]), novel)
-            for far in (distance, doubt)
-        ]
+        areas = {key: auc(np.append(far[0], far[1][kinds == kind]), novel) for key, far in measures.items()}
         shares = {name: float((own.decided & (own.guesses == n)).mean()) for n, name in enumerate(own.classes)}
-        found[str(kind)] = {"n": len(own), "auc": areas[0], "auc_of_probability": areas[1], "decided": shares}
+        found[kind] = {"n": len(own), "auc": None, **areas, "decided": shares}
     return found
 
 
 def score_conditions(answers: Mapping[str, Answers], notes: list[str], seed: int) -> dict[str, Any]:
-    """Compute the accuracy of every model by known, varying condition."""
+    """Compute the accuracy of every model in bins of every known, varying condition."""
     index, found = next(iter(answers.values())).index, {}
     for condition in CONDITIONS:
         column, values = find_condition_values(index, condition)
@@ -352,19 +318,30 @@ def score_conditions(answers: Mapping[str, Answers], notes: list[str], seed: int
             continue
         if edges.size < 3:
             notes.append(f"accuracy against {condition.words}: {column} is {edges[0]:g} to {edges[-1]:g} in all rows")
-        curves = {
-            name: score_bins(part, values, edges, seed=seed) for name, part in answers.items() if name != "chance"
-        }
-        found[condition.name] = {"words": condition.words, "column": column, "models": curves}
+        models: dict[str, list[dict[str, Any]]] = {name: [] for name in answers if name != "chance"}
+        for low, high in pairwise(edges.tolist()):
+            inside = (values >= low) & (values < high)
+            for name, bins in models.items() if inside.any() else ():
+                own = take_rows(answers[name], inside)
+                span = {"from": low, "to": high, "n": len(own)}
+                bins.append({**span, **_score_balanced(own, seed), "recall": score_recalls(own)})
+        found[condition.name] = {"words": condition.words, "column": column, "models": models}
     return found
 
 
 def score_breakdowns(answers: Mapping[str, Answers]) -> dict[str, Any]:
-    """Compute every accuracy by columns with a few different values."""
+    """Compute every class's accuracy by columns with a few different values."""
     index, found = next(iter(answers.values())).index, {}
     for column in BREAKDOWNS:
-        if column in index:
-            texts = index[column].fillna("unknown").astype(str).to_numpy(dtype=str)
-            if 2 <= np.unique(texts).size <= MOST_VALUES:
-                found[column] = {name: score_groups(part, texts) for name, part in answers.items()}
+        texts = index.get(column, pd.Series("", index.index)).fillna("unknown").astype(str).to_numpy(dtype=str)
+        values = np.unique(texts).tolist()
+        if 2 <= len(values) <= MOST_VALUES:
+            found[column] = {
+                model: [
+                    {**share, "value": value, "label": name, "share_value": share["value"]}
+                    for value in values
+                    for name, share in score_recalls(take_rows(part, texts == value)).items()
+                ]
+                for model, part in answers.items()
+            }
     return found

@@ -1,18 +1,10 @@
 """Decisions over time: fused evidence of linked targets.
 
-Windows of a recording or of a stream are analysed and linked to tracks
-(:mod:`doppelgait.dataset.windows`). :class:`Tracks` performs the steps that depend on the past:
-
-1. *Memory.* A network of tracks (:class:`doppelgait.classify.learned.TrackNetwork`) has its own, a
-   learned sum of what the windows show. The answers of a model of windows are fused: the class of a
-   track is a hidden Markov state that changes at :data:`CHANGE_PER_S` (mistaken links, another
-   person through the same door). Calibrated probabilities of a window are its likelihoods, up to a
-   factor, because they hold for equally frequent classes. A window that overlaps the one before is
-   new only in part, and its log likelihood counts by that part: hop / window in a steady stream. A
-   window that may not be decided (a flag, conditions or features that were not in the training
-   data) is no evidence for either.
-2. *Decision.* A class is decided when its fused probability reaches the model's limit, and stays until another class
-   reaches it, so that the decision does not flicker.
+Windows are analysed and linked to tracks (:mod:`doppelgait.dataset.windows`). A network of tracks has its own memory.
+The answers of a model of windows are fused: the class of a track is a hidden Markov state that changes at
+:data:`CHANGE_PER_S`, the calibrated probabilities of a window are its likelihoods, and of a window that overlaps the
+one before only the new part counts. What may not be decided (flags, conditions, features) is no evidence for either.
+A class is decided when its probability reaches the model's limit, and stays until another class reaches it.
 """
 
 from __future__ import annotations
@@ -20,7 +12,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
@@ -64,8 +57,9 @@ class TrackDecision:
         all equally frequent; of all windows of the track up to this one.
     alarm : bool or None
         True from the second of two windows in succession on, after which the probability of the
-        alarm's class reaches the threshold; while another body is in the gate, only for these windows.
-        A window that is no evidence raises none. None where the model has no alarm, or none for such a radar.
+        alarm's class reaches the threshold; while another body is in the gate, only for these
+        windows. A window that is no evidence raises none. None where the model has no alarm, or
+        none for such a radar.
     reason : str
         Reason why nothing is decided, or why this window is no evidence; empty otherwise.
     range_m, approach_mps : float
@@ -104,12 +98,13 @@ class Span(NamedTuple):
 
 def check_window(window_s: float | None, hop_s: float | None, model: Model | None = None) -> tuple[float, float]:
     """Return window and hop, with defaults for what is None."""
+    conditions: Mapping[str, tuple[float, float]] = {}
+    if model is not None:
+        facts = model.of_tracks.facts
+        window_s, conditions = facts.window_s if window_s is None else window_s, facts.conditions
     if window_s is None:
-        facts = None if model is None else model.of_tracks.facts
-        window_s = None if facts is None else facts.window_s
-    if window_s is None:
-        observed_s = (None if facts is None else facts.conditions.get("observation_s")) or (4.0 / WINDOW_OBSERVATIONS,)
-        window_s = round(WINDOW_OBSERVATIONS * observed_s[0], 3)
+        shortest_s, _ = conditions.get("observation_s", (4.0 / WINDOW_OBSERVATIONS, 0.0))
+        window_s = round(WINDOW_OBSERVATIONS * shortest_s, 3)
     hop_s = window_s / 5.0 if hop_s is None else hop_s
     if not 0 < hop_s <= window_s < math.inf:
         raise ConfigError(f"window {window_s:g} s, hop {hop_s:g} s: must fulfil 0 < hop <= window, for example 4 and 1")
@@ -173,11 +168,10 @@ class Tracks:
         numbers, facts, decisions = self.links.add(window, results), self.model.facts, []
         for target, (number, result) in enumerate(zip(numbers, results, strict=True)):
             alone, belief, rings = self.follow(number, TargetInputs.of(result), (window.start_s, window.stop_s), target)
-            best = int(belief.probability.argmax())
+            best, reason = int(belief.probability.argmax()), alone.reason if alone.blocked else ""
             if belief.probability[best] >= facts.abstain_below:
                 belief.decided = best
-            reason = alone.reason if alone.blocked else ""
-            if belief.decided is None and not reason:
+            elif belief.decided is None and not reason:
                 reason = f"probability {belief.probability[best]:.2f} is below {facts.abstain_below:g}"
             shown, path = best if belief.decided is None else belief.decided, Path.of(result, window)
             decisions.append(
@@ -187,7 +181,7 @@ class Tracks:
                     stop_s=window.stop_s,
                     label=None if belief.decided is None else facts.classes[belief.decided],
                     probability=float(belief.probability[shown]),
-                    probabilities={name: float(p) for name, p in zip(facts.classes, belief.probability, strict=True)},
+                    probabilities=dict(zip(facts.classes, belief.probability.tolist(), strict=True)),
                     alarm=rings or (None if alone.alarm is None else False),
                     reason=reason,
                     range_m=float(path.range_m[-1]),
@@ -339,32 +333,12 @@ def join_decisions(decisions: Iterable[TrackDecision]) -> list[Span]:
     -------
     list of Span
         By track, then time.
-
-    See Also
-    --------
-    classify_over_time : make the decisions; its example joins them.
     """
-    open_spans: dict[int, _OpenSpan] = {}
-    done: list[_OpenSpan] = []
-    for one in decisions:
-        before = open_spans.get(one.track)
-        if before is None or before.last.label != one.label:
-            start_s = one.start_s if before is None else before.last.stop_s
-            before = open_spans[one.track] = _OpenSpan(start_s, one)
-            done.append(before)
-        before.last = one
-        before.reasons[one.reason] += 1
-    spans = [Span(s.last.track, s.start_s, s.last.stop_s, s.last.label, s.last.probability, s.reason) for s in done]
-    return sorted(spans, key=lambda span: (span.track, span.start_s))
-
-
-@dataclass
-class _OpenSpan:
-    start_s: float
-    last: TrackDecision
-    reasons: Counter[str] = field(default_factory=Counter)
-
-    @property
-    def reason(self) -> str:
-        """Return the commonest reason; empty if most windows had none."""
-        return self.reasons.most_common(1)[0][0]
+    spans = list[Span]()
+    in_order = sorted(decisions, key=lambda one: one.track)
+    for (track, label), group in groupby(in_order, key=lambda one: (one.track, one.label)):
+        ones = list(group)
+        start_s = spans[-1].stop_s if spans and spans[-1].track == track else ones[0].start_s
+        reason = Counter(one.reason for one in ones).most_common(1)[0][0]
+        spans.append(Span(track, start_s, ones[-1].stop_s, label, ones[-1].probability, reason))
+    return spans

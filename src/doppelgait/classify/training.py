@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
@@ -44,6 +44,8 @@ BOOSTING = {
 }
 """Chosen once, before any test set was used."""
 
+NODE_FIELDS = {"is_leaf": bool, "feature_idx": int, "num_threshold": float, "value": float}
+NODE_FIELDS |= dict.fromkeys(("missing_go_to_left", "left", "right"), int)
 LOG_FLOOR = 0.03
 """Smallest value that the logarithm distinguishes, over the median. A round number for the scale of
 what is nearly zero, assumed; recordings of both halves were in view when it was set."""
@@ -171,35 +173,28 @@ def train_boosting(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
     with limit_blas_threads():  # of some thousand rows, threads that wait for each other take longer than one
         model.fit(values, train.labels, sample_weight=row_weights(train.labels, n_classes))
         expected = model.predict_proba(values)
-    # A model is kept as plain arrays, but scikit-learn has no public access to these trees. Its private attributes are
-    # read here and nowhere else; a version that stores other ones gives one clear error, here or by the comparison.
+    # A model is kept as plain arrays, but scikit-learn has no public access to these trees. Its
+    # private attributes are read here and nowhere else; a version that stores other ones gives one
+    # clear error, here or by the comparison.
     try:
         trees = [[tree.nodes for tree in one_round] for one_round in model._predictors]
+        every = np.concatenate([part for one_round in trees for part in one_round])
+        columns: Iterator[Any] = (every[name].astype(kind) for name, kind in NODE_FIELDS.items())
+        leaf, feature, threshold, value, unknown_left, *children = columns
         start = np.ravel(model._baseline_prediction).astype(np.float64)
-        missing = {"is_leaf", "feature_idx", "num_threshold", "value", "missing_go_to_left", "left", "right"} - set(
-            trees[0][0].dtype.names
-        )
-    except AttributeError as error:
+    except (AttributeError, ValueError) as error:
         raise DatasetError(_OTHER_TREES.format(version=sklearn.__version__, reason=error)) from error
-    if missing:
-        raise DatasetError(_OTHER_TREES.format(version=sklearn.__version__, reason=f"no {', '.join(sorted(missing))}"))
     # Nodes of all trees in one list, of a model that saw these columns.
-    nodes = [part for one_round in trees for part in one_round]
-    first = np.cumsum([0, *(part.size for part in nodes[:-1])])
-    shift = np.repeat(first, [part.size for part in nodes])
-    every = np.concatenate(nodes)
-    leaf = every["is_leaf"] > 0
-
-    def whole(values: Any) -> IntArray:
-        return np.where(leaf, 0, values).astype(np.int64)
-
+    sizes = [part.size for one_round in trees for part in one_round]
+    first = np.cumsum([0, *sizes[:-1]])
+    left, right = (np.where(leaf, 0, child + np.repeat(first, sizes)) for child in children)
     found = Trees(
-        feature=np.where(leaf, -1, known[np.where(leaf, 0, every["feature_idx"])]),
-        threshold=np.where(leaf, 0.0, every["num_threshold"]),
-        value=np.where(leaf, every["value"], 0.0),
-        unknown_left=whole(every["missing_go_to_left"]),
-        left=whole(every["left"].astype(np.int64) + shift),
-        right=whole(every["right"].astype(np.int64) + shift),
+        feature=np.where(leaf, -1, known[np.where(leaf, 0, feature)]),
+        threshold=np.where(leaf, 0.0, threshold),
+        value=np.where(leaf, value, 0.0),
+        unknown_left=np.where(leaf, 0, unknown_left),
+        left=left,
+        right=right,
         root=first.reshape(len(trees), len(trees[0])).astype(np.int64),
         start=start,
     )

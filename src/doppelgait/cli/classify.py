@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from doppelgait.classify.options import FLAGS, takes_options
 from doppelgait.cli.analyze import GateOption, HopS, ReaderOptions, WindowS, open_recording, parse_analysis
 from doppelgait.cli.dataset import LABEL_HELP, NAMES_HELP
 from doppelgait.cli.output import (
@@ -210,49 +211,22 @@ def explain_model(model: Model, name: str | None) -> None:
         print_message(f"note: {describe_alarm_data(facts)}")
 
 
+def _make_option(name: str, kind: Any, text: str) -> Any:
+    kind = Path | None if kind is Any else kind  # a dataset is named by its folder
+    return Annotated[kind, typer.Option(FLAGS.get(name, f"--{name.replace('_', '-')}"), help=text)]
+
+
+@takes_options(_make_option)
 def evaluate(
     dataset: Annotated[Path, typer.Argument(help="Folder of the dataset to train on.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the report.")],
     figure_format: PageFigureOption = FigureFormat.png,
-    test: Annotated[
-        Path | None,
-        typer.Option("--test", help="Another dataset to test on instead; with --names a folder of recordings."),
+    names: Annotated[
+        str | None, typer.Option("--names", help=f"With --test, which is then a folder of recordings. {NAMES_HELP}")
     ] = None,
-    names: Annotated[str | None, typer.Option("--names", help=f"With --test. {NAMES_HELP}")] = None,
     classes: Annotated[list[str] | None, typer.Option("--label", help=f"With --names. {LABEL_HELP}")] = None,
-    models: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--models",
-            help="ensemble, six-logistic, six-boosting, extended-logistic, extended-boosting, signature-network (needs "
-            "torch) or track-network; repeatable; by default the ensemble, its members and six-logistic.",
-        ),
-    ] = None,
-    cv: Annotated[
-        int | None, typer.Option("--cv", help="Cross-validate over all rows with this number of folds.")
-    ] = None,
-    left_out: Annotated[
-        str | None,
-        typer.Option(
-            "--leave-out", help="Cross-validate by leaving out one value of this column at a time: source, subject, ..."
-        ),
-    ] = None,
-    options: Annotated[
+    of_reader: Annotated[
         list[str] | None, typer.Option("--option", help="With --names: reader option KEY=VALUE; repeatable.")
-    ] = None,
-    adapt: Annotated[
-        Path | None,
-        typer.Option(
-            "--adapt",
-            help="A dataset of your own recordings, of every class, to test on and to adapt the saved model to.",
-        ),
-    ] = None,
-    unknown: Annotated[
-        Path | None,
-        typer.Option("--unknown", help="A dataset with further classes, which the models should abstain from."),
-    ] = None,
-    alarm_class: Annotated[
-        str | None, typer.Option("--alarm-class", help="Class that triggers the alarm; human by default.")
     ] = None,
     alarm: Annotated[
         bool,
@@ -262,11 +236,8 @@ def evaluate(
         Path | None,
         typer.Option("--save", help="Save the ensemble, or of the named models the best on the validation set, .npz."),
     ] = None,
-    motion_folder: Annotated[
-        Path | None, typer.Option("--motion-folder", help="Folder of the plan's motion files.")
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of folds, training and confidence intervals.")] = 0,
     as_json: AsJson = False,
+    **options: Any,
 ) -> None:
     """Train classifiers on a dataset and write a report.
 
@@ -280,32 +251,17 @@ def evaluate(
     from doppelgait.classify.model_file import save_model
     from doppelgait.classify.report import check_folder, list_sections, write_report
     from doppelgait.classify.training import BASELINES
-    from doppelgait.dataset import open_dataset
 
     if save is not None:
         _check_save(save, output)
     check_folder(output)
-    if names is not None or classes or options:
-        clash = [name for name, value in (("--cv", cv), ("--leave-out", left_out), ("--adapt", adapt)) if value]
-        if clash:
+    if names is not None or classes or of_reader:
+        if clash := [FLAGS[key] for key in ("n_folds", "left_out", "own") if options[key] is not None]:
             raise ConfigError(f"--names and {clash[0]}: use one of them; --names already reads the folder of --test")
-        test = _import_test(dataset, test, names, classes or [], options or [], output)
+        options["other"] = _import_test(dataset, options["other"], names, classes or [], of_reader or [], output)
     with report_progress("training", quiet=as_json) as on_progress:
-        found = run_evaluation(
-            open_dataset(dataset),
-            other=None if test is None else open_dataset(test),
-            models=models,
-            n_folds=cv,
-            left_out=left_out,
-            own=None if adapt is None else open_dataset(adapt),
-            alarm_class=alarm_class,
-            day=load_day()[0] if alarm else None,
-            unknown=None if unknown is None else open_dataset(unknown),
-            motion_folder=motion_folder,
-            seed=seed,
-            keep=save is not None,
-            on_progress=on_progress,
-        )
+        day = load_day()[0] if alarm else None
+        found = run_evaluation(dataset, keep=save is not None, day=day, on_progress=on_progress, **options)
         page = write_report(found, output, figure_format=figure_format)[-1]
         if save is not None and found.best is not None:
             save_model(found.models[found.best], save)
@@ -321,8 +277,8 @@ def evaluate(
         chosen = "the best model on the held-out rows" if several else "the only trained model"
         if found.best == "ensemble":
             chosen = "the mean of its members"
-        if adapt is not None:
-            chosen += f", adapted to {found.models[found.best].facts.n_own} rows of {adapt}"
+        if options["own"] is not None:
+            chosen += f", adapted to {found.models[found.best].facts.n_own} rows of {options['own']}"
         print_message(f"model: {save}: {found.best}, {chosen}")
 
 

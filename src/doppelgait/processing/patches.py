@@ -159,16 +159,6 @@ def cut(whole: Levels, start: int, spec: Patch) -> Levels:
     return picture
 
 
-def cut_pictures(whole: Levels, spec: Patch) -> Levels:
-    """Divide levels into images (n, n_velocity, n_time) that cover all columns."""
-    spare = whole.shape[1] - spec.n_time
-    if spare <= 0:
-        return cut(whole, spare // 2, spec)[None]
-    count = 1 + -(-2 * spare // spec.n_time)
-    starts = np.linspace(0, spare, count).round().astype(int)
-    return np.stack([cut(whole, int(start), spec) for start in starts])
-
-
 def draw_pictures(slices: FloatArray | Levels, approach_mps: FloatArray) -> Levels:
     """Draw the power of a target in dB, ahead upwards. Shapes: returns (pictures, slices, columns, cells)."""
     first = (N_SLICES - len(slices)) // 2  # without range, the middle one is all there is

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, collect_inputs, collect_rows
 from doppelgait.classify.decide import TargetInputs, classify, decide
-from doppelgait.classify.evaluation import evaluate, leave_out, split_into_folds, use_own_splits
+from doppelgait.classify.evaluation import Options, choose_folds, evaluate
 from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.model import row_weights
 from doppelgait.classify.model_file import load_model, save_model
@@ -213,12 +213,12 @@ def test_accuracy_falls_where_the_signal_does():
 
 def test_targets_stay_on_one_side():
     rows = collect_rows(made_up())
-    fold, _ = use_own_splits(rows, seed=0)
-    for each in [fold, *split_into_folds(rows, 4, seed=0)]:
+    crossed = choose_folds(rows, Options(n_folds=4))[0]
+    for each in [*choose_folds(rows, Options())[0], *crossed]:
         sides = [set(rows.groups[part]) for part in (each.train, each.held, each.test)]
         assert all(sides)
         assert sum(map(len, sides)) == len(set.union(*sides))
-    tested = np.sort(np.concatenate([f.test for f in split_into_folds(rows, 4, seed=0)]))
+    tested = np.sort(np.concatenate([fold.test for fold in crossed]))
     assert np.array_equal(tested, np.arange(len(rows)))
 
 
@@ -237,9 +237,9 @@ def test_cross_validation_and_leaving_out():
     rows = collect_rows(dataset)
     dataset.index["source"] = np.where(rows.labels == 0, "model", "recording")
     with pytest.raises(ConfigError, match="a class has nothing else to learn from"):
-        leave_out(collect_rows(dataset), "source", seed=0)
+        choose_folds(collect_rows(dataset), Options(left_out="source"))
     dataset.index["source"] = np.resize(["model"] * 4 + ["recording"] * 4, 200)
-    folds, notes = leave_out(collect_rows(dataset), "source", seed=0)
+    folds, notes = choose_folds(collect_rows(dataset), Options(left_out="source"))
     assert [fold.name for fold in folds] == ["without model", "without recording"]
     assert not notes
     kept = evaluate(dataset, models=["six-logistic"], left_out="source", keep=True)
@@ -263,7 +263,7 @@ def test_the_same_motion_under_another_name_is_not_tested():
     dataset, other = (made_up(identity=name, motion=[f"{name}{k}" for k in range(240)]) for name in "ab")
     first = dataset.index.loc[dataset.index["split"] == "train", "motion"].iloc[0]
     other.index.loc[4:6, "motion"] = first
-    fold, notes = use_own_splits(collect_rows(dataset, other), seed=0)
+    (fold,), notes = choose_folds(collect_rows(dataset, other), Options())
     assert not set(fold.test) & {244, 245, 246}
     assert fold.test.size == 237
     assert "3 of 240 rows" in notes[0]
@@ -287,14 +287,14 @@ def test_a_part_of_a_blended_motion_is_not_learnt_from_and_tested(known, is_trai
     for (side, place), cells in zip(sides if is_trained else sides[::-1], (BLENDED, known), strict=True):
         side.index.loc[place, list(cells)] = list(cells.values())
     other.index.loc[5, "scene_id"] = other.index.loc[4, "scene_id"]
-    fold, notes = use_own_splits(collect_rows(dataset, other), seed=0)
+    (fold,), notes = choose_folds(collect_rows(dataset, other), Options())
     assert set(range(240, 480)) - set(fold.test) == {244, 245}
     assert "2 of 240 rows" in notes[0]
 
 
 def test_bodies_of_models_are_others_in_another_dataset():
     dataset, other = (made_up(identity=name, subject=[f"model/{k}" for k in range(240)]) for name in "ab")
-    fold, _ = use_own_splits(collect_rows(dataset, other), seed=0)
+    (fold,), _ = choose_folds(collect_rows(dataset, other), Options())
     assert fold.test.size == 240
 
 

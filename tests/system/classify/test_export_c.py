@@ -10,7 +10,7 @@ import pytest
 
 import doppelgait as dg
 from doppelgait.classify import classify_over_time, export_model, load_shipped_model
-from doppelgait.classify.export.c_code import CSettings, drop_features, plan_device
+from doppelgait.classify.c_code import CSettings, drop_features, plan_device
 from doppelgait.core.errors import ConfigError
 from export_models import export_model_of, model_of_tracks, random_track_network, require
 from processes import run

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from doppelgait.classify.data import collect_inputs, collect_rows
-from doppelgait.classify.learned import LabelledRows
+from doppelgait.classify.learned import LabelledRows, list_arrays
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.processing.patches import Patch
 
@@ -65,7 +65,7 @@ def test_plain_form_answers_as_torch_does():
     model.eval()
     with torch.no_grad():
         expected = torch.add_log_softmax(model(pictures), dim=1).numpy()
-    found = nets._to_arrays(model.state_dict(), SPEC).classify_pictures(pictures[:, 0].numpy())
+    found = nets.scorer.of_pictures(list_arrays(nets._to_arrays(model.state_dict(), SPEC)), pictures[:, 0].numpy())
     assert np.ptp(expected, axis=0).max() > 0.1
     assert np.allclose(found, expected, atol=1e-4)
 
@@ -87,9 +87,9 @@ def test_it_stops_when_the_held_rows_are_told_no_better():
     part, held = a_part(48, seed=0), a_part(16, seed=1)
     calls = []
     settings = nets.Training(most_epochs=40, patience=3, batch_size=8)
-    original = nets._train_epoch
+    original = nets._compute_held_loss
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(nets, "_train_epoch", lambda *args: (calls.append(1), original(*args)))
+        patched.setattr(nets, "_compute_held_loss", lambda *args: calls.append(1) or original(*args))
         nets.train_network(
             part, LabelledRows(held.values, 1 - held.labels), n_classes=2, seed=0, spec=SPEC, settings=settings
         )

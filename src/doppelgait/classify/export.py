@@ -12,7 +12,7 @@ import numpy as np
 
 from doppelgait import __version__
 from doppelgait.classify import scorer
-from doppelgait.classify.export.c_code import TEXTS, CSettings, Sources, plan_device
+from doppelgait.classify.c_code import TEXTS, CSettings, Sources, plan_device
 from doppelgait.classify.learned import EMPTY, Seen, TrackNetwork, join_inputs
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import save_model
@@ -55,10 +55,6 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
     OutputError
         If it cannot be written.
 
-    See Also
-    --------
-    save_model : write a model file that doppelgait reads.
-
     Examples
     --------
     >>> import doppelgait as dg
@@ -77,7 +73,7 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
     check_out(out, listing=LISTING, file_format=FORMAT, command="doppelgait model export")
     contents: dict[str, bytes] = {}
     if form == "onnx":
-        from doppelgait.classify.export.onnx_graph import build_onnx_model
+        from doppelgait.classify.onnx_graph import build_onnx_model
 
         contents["model.onnx"] = build_onnx_model(model).SerializeToString()
     elif settings is not None:

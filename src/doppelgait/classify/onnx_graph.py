@@ -66,7 +66,7 @@ class _Graph:
             case Constant():
                 return self.add_shares(learned)
             case Linear():
-                return self.add_scores(self.add_standardisation(learned), learned)
+                return self.add_linear(learned)
             case Trees():
                 return self.add_trees(learned)
             case Network():
@@ -94,11 +94,10 @@ class _Graph:
         count = self.add("Slice", self.add("Shape", self.add_features()), [0], [1])
         return self.add("Expand", learned.log_share, self.add("Concat", count, [learned.log_share.size], axis=0))
 
-    def add_standardisation(self, learned: Linear) -> str:
+    def add_linear(self, learned: Linear) -> str:
         double = self.onnx.TensorProto.DOUBLE
-        values = self.doubles = self.doubles or self.add("Cast", self.add_features(), to=double)
+        filled = values = self.doubles = self.doubles or self.add("Cast", self.add_features(), to=double)
         unknown = self.add("IsNaN", values)
-        filled = values
         if learned.floor.size:
             has = learned.floor > 0
             log = self.add("Log", self.add("Max", values, np.where(has, learned.floor, 1.0)))
@@ -107,9 +106,7 @@ class _Graph:
         if learned.told.size:
             told = self.add("Gather", unknown, learned.told, axis=1)
             columns = self.add("Concat", columns, self.add("Cast", told, to=double), axis=1)
-        return self.add("Div", self.add("Sub", columns, learned.mean), learned.scale)
-
-    def add_scores(self, columns: str, learned: Linear) -> str:
+        columns = self.add("Div", self.add("Sub", columns, learned.mean), learned.scale)
         product = self.add("MatMul", columns, learned.weight.T)
         return self.add_log_softmax(self.add("Add", product, learned.bias), len(learned.bias))
 

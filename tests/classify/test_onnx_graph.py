@@ -8,8 +8,8 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from doppelgait.classify.export.onnx_graph import build_onnx_model, round_threshold
 from doppelgait.classify.learned import Constant
+from doppelgait.classify.onnx_graph import build_onnx_model, round_threshold
 from doppelgait.core.errors import ConfigError
 from export_models import KINDS, export_model_of, inputs_of, network_of, pictures_of, require
 

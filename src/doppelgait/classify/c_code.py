@@ -148,17 +148,11 @@ class Sources:
         """Return the text of the source."""
         return (TEXTS / "engine.c").read_text(encoding="utf-8").replace("/* @TABLES@ */", self.tables)
 
-    @property
-    def _layer_values(self) -> tuple[int, int]:
-        cells = N_COLUMNS * N_CELLS
-        sizes = [cells // 4**n * bias.size for n, bias in enumerate(self.network.biases, 1)]
-        return max(cells * N_SLICES, *sizes[1::2]), max(sizes[0::2])
-
     def _collect_macros(self) -> dict[str, Any]:
         from scipy.stats import gamma
 
         facts, device, network = self.model.facts, self.device, self.network
-        even, odd = self._layer_values
+        sizes = [N_COLUMNS * N_CELLS // 4**n * bias.size for n, bias in enumerate(self.network.biases, 1)]
         bin_m, most_mps = device.radar.bin_spacing_m, facts.conditions.get("speed_mps", (0.0, math.inf))[1]
         body = max(1, round(BODY_M / bin_m))
         cells = (2 * body + 1) * device.n_doppler * HOPS_PER_COLUMN
@@ -194,8 +188,8 @@ class Sources:
             "EMBEDDING": network.embed_bias.size,
             "MEMORY": network.gate_bias.size,
             "HIDDEN": network.hidden_bias.size,
-            "EVEN_VALUES": even,
-            "ODD_VALUES": odd,
+            "EVEN_VALUES": max(N_COLUMNS * N_CELLS * N_SLICES, *sizes[1::2]),
+            "ODD_VALUES": max(sizes[0::2]),
             "BODY_BINS": body,
             "CONFIRM": CONFIRM,
             "MOST_LOST": MOST_LOST,
@@ -243,12 +237,10 @@ class Sources:
         named = ", ".join(f'"{name}"' for name in self.model.facts.classes)
         self._tables.append(f"const char *const dg_class_names[DG_CLASSES] = {{{named}}};")
         layers = zip(network.kernels, network.scales, network.biases, strict=True)
-        for number, (kernel, scale, bias) in enumerate(layers):
-            names = [
-                self._add_array(f"kernel{number}", "dg_weight", kernel.transpose(0, 2, 3, 1)),
-                self._add_array(f"scale{number}", "float", scale),
-                self._add_array(f"bias{number}", "float", bias),
-            ]
+        for number, (kernel, *rest) in enumerate(layers):
+            names = [self._add_array(f"kernel{number}", "dg_weight", kernel.transpose(0, 2, 3, 1))]
+            scaled = zip(("scale", "bias"), rest, strict=True)
+            names += [self._add_array(f"{name}{number}", "float", each) for name, each in scaled]
             rows.append(f"    {{{', '.join([*names, str(kernel.shape[1]), str(kernel.shape[0])])}}}")
         self._tables.append("static const dg_layer layers[DG_LAYERS] = {\n" + ",\n".join(rows) + "\n};")
         # the features' part of the embedding is the same for every window

@@ -1,1 +1,0 @@
-"""Trained models in forms for other programs."""
