@@ -2,8 +2,8 @@
 
     python tools/train_models.py --work FOLDER [--workers 2] [--tracks]
 
-Needs ``pip install 'doppelgait[torch]'`` and 20 minutes of two cores; ``--tracks`` trains one network of tracks for all
-radars, some 4 hours. Written are the model files and cards of the package.
+Needs ``pip install 'doppelgait[torch]'`` and 20 minutes of two cores; ``--tracks`` trains one network of tracks
+for all radars, some 4 hours. Written are the model files and cards of the package.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def train(dataset: Dataset, name: str) -> None:
 
 
 def train_tracks(work: Path, workers: int | None) -> None:
-    """Train the network of tracks on all datasets of life, and put it into the models of all radars."""
+    """Train the network of tracks on all datasets of life, for the models of all radars."""
     plans, datasets = [(name, *plan) for name, plans in RECORDINGS.items() for plan in plans], []
     for plan in plans:
         target = work / f"home-alarm-life-{plan[0]}-{plan[2]}"
@@ -105,7 +105,7 @@ def train_tracks(work: Path, workers: int | None) -> None:
     everything, answers = np.arange(len(rows)), np.full((len(rows), len(rows.classes)), np.nan)
 
     def fit(part: Any) -> TrackNetwork:
-        known, none = (LabelledRows(table.values[some], rows.labels[some]) for some in (part, part[:0]))
+        known, none = (LabelledRows(table.values[n], rows.labels[n]) for n in (part, part[:0]))
         return train_track_network(known, none, n_classes=answers.shape[1], seed=0)
 
     for part, held in islice(hold_back(rows, everything, 0), N_TURNS):
@@ -116,7 +116,7 @@ def train_tracks(work: Path, workers: int | None) -> None:
         held = own[np.isfinite(answers[own, 0])]
         parts, known = Fold(name, own, held, own[:0]), answers[held]
         track = describe_model(rows, table, "track-network", parts, network, seed=0, answers=known)
-        card = {"track": {"datasets": [each.description["id"] for each in datasets], **describe(track)}}
+        card = {"track": {"datasets": [one.description["id"] for one in datasets], **describe(track)}}
         write(replace(load_shipped_model(name), track=track), read_model_cards()[name] | card)
 
 

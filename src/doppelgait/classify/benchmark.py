@@ -1,8 +1,8 @@
 """``doppelgait-bench-1``: alarms on frozen data.
 
 A part of the benchmark is a dataset: its plan is frozen by its identity, which the data version and
-the contents of recorded motion enter. A classifier is a function of the dataset to learn from and of
-one to answer about. It returns the probability of a person after the window of every row, NaN where
+the contents of recorded motion enter. A classifier is a function of the dataset to learn from and
+of one to answer about. It returns the probability of a person after the window of every row, NaN where
 the window is no evidence, from this and earlier windows of the recording alone.
 """
 
@@ -217,7 +217,7 @@ BASELINES: Mapping[str, tuple[Callable[[Rows], Inputs], str]] = {
         "extended-boosting",
     ),
     "four-numbers": (
-        lambda rows: _measure_stored(rows, "ti_frames", lambda values: measure_windows(values)[0], 8),
+        lambda rows: _measure_stored(rows, "ti_frames", lambda v: measure_windows(v)[0], 8),
         "extended-boosting",
     ),
     "six-features": (lambda rows: collect_inputs(rows, "six").values, "extended-boosting"),

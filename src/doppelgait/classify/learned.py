@@ -119,7 +119,7 @@ class Seen(NamedTuple):
     track: int
     stop_s: float
     shared: bool = False  # another body is in the gate
-    shown: int = -1  # class of what the gate then shows, if it is known: a person, if one of both is
+    shown: int = -1  # class of what the gate then shows, if known: a person, if one of both is
 
 
 def find_windows_before(seen: Sequence[Seen]) -> tuple[IntArray, IntArray]:

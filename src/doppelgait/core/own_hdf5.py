@@ -162,7 +162,7 @@ def _check_attribute(attribute: Any, name: str) -> None:
     fault = _type_fault(kind)
     n_dims = attribute.get_space().get_simple_extent_ndims()
     if kind.get_class() == h5py.h5t.STRING and kind.is_variable_str() and (n_dims or kind.committed()):
-        fault = "is a list of texts, or of a named type"  # TEXT matches single texts of a plain type
+        fault = "is a list of texts, or of a named type"  # TEXT matches texts of a plain type
     if fault:
         text = attribute.name.decode(errors="replace")
         raise ValueError(f"the attribute {text[:80]!r} of {name[:80]!r} {fault}")
@@ -171,7 +171,7 @@ def _check_attribute(attribute: Any, name: str) -> None:
 def _type_fault(kind: Any, *, references: bool = False) -> str:
     """Return why values of a type must not be read, or "": the library converts without a check."""
     h5t, class_, size = h5py.h5t, kind.get_class(), kind.get_size()
-    if class_ == h5t.ENUM or (references and class_ == h5t.ARRAY):  # truth values, arrays in a table
+    if class_ == h5t.ENUM or (references and class_ == h5t.ARRAY):  # truths, arrays in a table
         return _type_fault(kind.get_super())
     if class_ == h5t.COMPOUND:
         members = [kind.get_member_type(n) for n in range(kind.get_nmembers())]

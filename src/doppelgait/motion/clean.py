@@ -245,7 +245,7 @@ def fill_gaps(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, dict
 
 
 MIN_KEPT = 0.5
-"""Share of the samples below which frames and points are chosen anew after filling from segments."""
+"""Share of the samples below which frames and points are chosen anew after filling by segments."""
 FEWEST_NEIGHBOURS, MOST_NEIGHBOURS, MOST_BONES = 2, 6, 3
 FILL_RIDGE, FILL_STEPS = 0.02, 10
 
@@ -347,7 +347,7 @@ def measure_noise(position: FloatArray, *, rate_hz: float) -> float:
 
 def velocity_error_mps(noise_m: float, bandwidth_hz: float, *, rate_hz: float) -> float:
     """Return the velocity error of white noise up to a frequency, rms per coordinate."""
-    # noise of the density noise^2 / (rate / 2), times (2 pi f)^2, integrated from 0 to the bandwidth
+    # noise of the density noise^2 / (rate / 2), times (2 pi f)^2, integrated up to the bandwidth
     return 2 * math.pi * noise_m * math.sqrt(2 * bandwidth_hz**3 / (3 * rate_hz))
 
 

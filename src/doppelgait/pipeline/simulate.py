@@ -219,7 +219,7 @@ class Echoes:
 
     def make_tile(self, first: int, stop: int) -> tuple[Samples, npt.NDArray[np.float32]]:
         """Synthesise some pulses; also return the targets' strongest power per pulse, V^2."""
-        # background bodies are added to the targets' echoes of all paths, which set the signal level
+        # background bodies are added to the targets' echoes of all paths, which set the level
         values = {name: self.scatterers[name] for name in ECHO_VARIABLES if name in self.scatterers}
         table = replace(self.scatterers, values=values).take_pulses(slice(first, stop))
         table = fold_scatterers(table, self.radar)

@@ -45,7 +45,7 @@ from doppelgait.radar.recording import Recording
 Chosen = npt.NDArray[np.intp]
 
 WINDOW = 64
-"""Pulses of a window of a continuous recording; in a recording of bursts, each burst is a window."""
+"""Pulses of a window of a continuous recording; of a recording of bursts, each is a window."""
 MIN_WINDOWS = 4
 MAX_GROUPS = 16
 """Maximum number of groups of windows that the jackknife leaves out."""
