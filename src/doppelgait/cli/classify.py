@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from doppelgait.cli.analyze import GateOption, HopS, ReaderOptions, WindowS, open_recording, parse_analysis
-from doppelgait.cli.dataset import LABEL_HELP, NAMES_HELP
+from doppelgait.cli.dataset import LABEL_HELP, NAMES_HELP, MotionFolder
 from doppelgait.cli.output import (
     AsJson,
     FigureFormat,
@@ -157,14 +157,8 @@ def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as
             }
         )
     if as_json:
-        print_json(
-            {
-                **head,
-                "tracks": tracks,
-                "timeline": [span._asdict() for span in spans],
-                "windows": [found.as_dict() for found in decisions],
-            }
-        )
+        windows = [found.as_dict() for found in decisions]
+        print_json({**head, "tracks": tracks, "timeline": [span._asdict() for span in spans], "windows": windows})
         return
     if not tracks:
         print("no target found")
@@ -262,9 +256,7 @@ def evaluate(
         Path | None,
         typer.Option("--save", help="Save the ensemble, or of the named models the best on the validation set, .npz."),
     ] = None,
-    motion_folder: Annotated[
-        Path | None, typer.Option("--motion-folder", help="Folder of the plan's motion files.")
-    ] = None,
+    motion_folder: MotionFolder = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of folds, training and confidence intervals.")] = 0,
     as_json: AsJson = False,
 ) -> None:
