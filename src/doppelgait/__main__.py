@@ -1,5 +1,5 @@
 """Run the commands as ``python -m doppelgait``."""
 
-from doppelgait.cli.app import main
+from doppelgait.cli import main
 
 main()

@@ -53,8 +53,6 @@ SHOWN_QUALITY = {
     "breathing_rate_hz": "Hz",
 }
 """Diagnostics that the feature table shows, with their units."""
-SEGMENTS = {"n_pieces": "n_segments"}
-"""Names in the table for diagnostics that files store under an older name."""
 
 
 def parse_analysis(table: Mapping[str, Any], changes: Sequence[str] | None) -> tuple[Analysis, Tracking]:
@@ -101,8 +99,6 @@ def analyze(
     --window-s or --hop-s there is one row per window and target.
 
     Example: doppelgait analyze walk.h5 -o result.h5 --figures figures
-
-    Example: doppelgait analyze xethru_recording_20170913_150437_x --gate 0.4:1.0
 
     Example: doppelgait analyze evening.h5 --window-s 4 --hop-s 1
     """
@@ -208,7 +204,7 @@ def print_features(results: Sequence[Result]) -> None:
     ]
     rows += [
         {
-            "feature": SEGMENTS.get(key, key),
+            "feature": key.replace("pieces", "segments"),  # files have an older name
             "unit": unit,
             **{n: format_number(r.quality.get(key)) for n, r in zip(names, results, strict=True)},
         }

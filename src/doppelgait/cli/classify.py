@@ -158,14 +158,8 @@ def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as
             }
         )
     if as_json:
-        print_json(
-            {
-                **head,
-                "tracks": tracks,
-                "timeline": [span._asdict() for span in spans],
-                "windows": [found.as_dict() for found in decisions],
-            }
-        )
+        windows = [found.as_dict() for found in decisions]
+        print_json({**head, "tracks": tracks, "timeline": [span._asdict() for span in spans], "windows": windows})
         return
     if not tracks:
         print("no target found")

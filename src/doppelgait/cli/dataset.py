@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
 from doppelgait.cli.output import (
     AsJson,
     FigureFormat,
@@ -268,9 +269,7 @@ def status(
 
 def verify(
     directory: Directory,
-    motion_folder: Annotated[
-        Path | None, typer.Option("--motion-folder", help="Folder of the plan's motion files.")
-    ] = None,
+    motion_folder: MotionFolder = None,
     resimulate: Annotated[
         float, typer.Option("--resimulate", min=0, max=1, help="Share of the examples to simulate again.")
     ] = 0.01,
@@ -392,10 +391,8 @@ def import_recordings(
     names: Annotated[str | None, typer.Option("--names", help=NAMES_HELP)] = None,
     classes: Annotated[list[str] | None, typer.Option("--label", help=LABEL_HELP)] = None,
     gate: Annotated[str, typer.Option("--gate", help="Gate of lines without one: track, or FROM:TO in m.")] = "track",
-    window_s: Annotated[
-        float | None, typer.Option("--window-s", help="Split recordings into windows of this length, s.")
-    ] = None,
-    hop_s: Annotated[float | None, typer.Option("--hop-s", help="Step between window starts, s.")] = None,
+    window_s: WindowS = None,
+    hop_s: HopS = None,
     split: Annotated[
         str | None,
         typer.Option(
@@ -409,10 +406,7 @@ def import_recordings(
             help="Change a setting, for example analysis.cpi_s=0.2, tracking.detector.pfa=1e-4, split.train=0.8.",
         ),
     ] = None,
-    options: Annotated[
-        list[str] | None,
-        typer.Option("--option", help="Reader option KEY=VALUE for all recordings, as in analyze; repeatable."),
-    ] = None,
+    options: ReaderOptions = None,
     as_json: AsJson = False,
 ) -> None:
     """Make a dataset of your own radar recordings.

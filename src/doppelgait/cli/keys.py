@@ -26,8 +26,6 @@ def keys(
     Example: doppelgait keys motion.human
 
     Example: doppelgait keys radar.prf_hz
-
-    Example: doppelgait keys radar --json
     """
     from doppelgait.cli.topics import TOPICS, models_of
     from doppelgait.core.keys import Key, summary_of
@@ -162,7 +160,5 @@ def plugins(
         for name in group or groups
         for item in groups[name].values()
     ]
-    if as_json:
-        print_json(rows)
-    else:
-        print_table([{**row, "parameters": " ".join(row["parameters"])} for row in rows])
+    shown = [{**row, "parameters": " ".join(row["parameters"])} for row in rows]
+    print_json(rows) if as_json else print_table(shown)

@@ -62,8 +62,6 @@ def listen(
     The stereo WAV file is as long as the recording. Static clutter is removed first for every gate,
     as in 'analyze --gate track'; --set clutter=none keeps it.
 
-    Example: doppelgait listen walk.h5 -o walk.wav
-
     Example: doppelgait listen walk.h5 -o walk.wav --gate truth --pitch 6 --channels sides
     """
     from doppelgait.core.files import open_atomically

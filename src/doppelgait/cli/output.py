@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from enum import StrEnum
+from functools import lru_cache
 from pathlib import Path
 from threading import Timer
 from time import monotonic
@@ -83,13 +84,11 @@ def explain_reader_options() -> Iterator[None]:
 def show_warnings_plainly() -> None:
     """Print each warning of doppelgait once, on one line."""
     usual = warnings.showwarning
-    said: set[str] = set()
+    say = lru_cache(1000)(lambda text: print_message(f"warning: {text}"))  # a service has many
 
     def show(message: Any, category: Any, *rest: Any, **more: Any) -> None:
         if isinstance(category, type) and issubclass(category, DoppelgaitWarning):
-            if str(message) not in said:
-                said.add(str(message))
-                print_message(f"warning: {message}")
+            say(str(message))
         else:
             usual(message, category, *rest, **more)
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from doppelgait.cli.analyze import ReaderOptions
 from doppelgait.cli.output import (
     AsJson,
     FigureFormat,
@@ -22,7 +23,7 @@ from doppelgait.cli.output import (
     print_table,
     print_tables,
 )
-from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
+from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 
 
 def fit(
@@ -35,10 +36,7 @@ def fit(
         str | None,
         typer.Option("--preset", help="Preset for values that the files do not store."),
     ] = None,
-    options: Annotated[
-        list[str] | None,
-        typer.Option("--option", help="Reader option KEY=VALUE, for example matrix=Data_Matrix_1; may be repeated."),
-    ] = None,
+    options: ReaderOptions = None,
     start: Annotated[float | None, typer.Option("--start", help="Start of the used part of the recording, s.")] = None,
     stop: Annotated[float | None, typer.Option("--stop", help="End of the used part of the recording, s.")] = None,
     people_at: Annotated[
@@ -52,6 +50,7 @@ def fit(
     """Fit the noise and faults of a sensor to recordings.
     One recording gives the preset of one sensor, several recordings give distributions.
     """
+    from doppelgait.core.config import apply_overrides
     from doppelgait.core.files import open_atomically
     from doppelgait.radar import Radar
     from doppelgait.radar.fit import describe_sensor, fit_sensor, format_preset
@@ -61,7 +60,7 @@ def fit(
     radar = None if preset is None else Radar.preset(preset)
     with explain_reader_options():
         read, unread = read_several(
-            recordings, **({} if preset is None else {"radar": preset}), **_parse_options(options)
+            recordings, **({} if preset is None else {"radar": preset}), **apply_overrides({}, options or [])
         )
     if len(read) > 1:
         for name, value in {"--start": start, "--stop": stop, "--figures": figures}.items():
@@ -135,15 +134,6 @@ def _plot_room(measured: Any, folder: Path, figure_format: FigureFormat) -> None
     print_message(f"figure: {viz.save_figure(figure, folder / f'twin-fit.{figure_format}')}")
 
 
-def _parse_options(options: list[str] | None) -> dict[str, Any]:
-    from doppelgait.core.config import apply_overrides
-
-    for option in options or []:
-        if "=" not in option.lstrip("="):
-            raise ConfigError(f"--option {option}: must be KEY=VALUE, for example matrix=Data_Matrix_1")
-    return apply_overrides({}, options or [])
-
-
 app = typer.Typer(
     help="Radar presets, sensors fitted to recordings, and formats of recordings.",
     no_args_is_help=True,
@@ -165,9 +155,7 @@ def compare(
     plan: Annotated[
         str | None, typer.Option("--plan", help="Plan of the same kind of scene; by default an empty room.")
     ] = None,
-    options: Annotated[
-        list[str] | None, typer.Option("--option", help="Reader option KEY=VALUE; may be repeated.")
-    ] = None,
+    options: ReaderOptions = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the simulated recordings.")] = 0,
     as_json: AsJson = False,
 ) -> None:
@@ -188,6 +176,7 @@ def compare(
         simulate_like,
         split_windows,
     )
+    from doppelgait.core.config import apply_overrides
     from doppelgait.dataset.config import load_plan
     from doppelgait.radar.readers import read_several
     from doppelgait.viz.tables import plot_domains
@@ -195,7 +184,7 @@ def compare(
     check_output(output, ".png", ".svg", ".pdf")
     loaded, folder = (None, None) if plan is None else load_plan(plan)
     with explain_reader_options():
-        read, left_out = read_several(recordings, **_parse_options(options))
+        read, left_out = read_several(recordings, **apply_overrides({}, options or []))
     real = []
     for recording in read:
         try:
@@ -230,23 +219,6 @@ def compare(
 
 SHOWN = 4
 """Number of recordings of each kind on the page."""
-
-UNITS = {
-    "hz_per_s": "Hz/s",
-    "per_unit": "V/unit",
-    "mps": "m/s",
-    "dbm": "dBm",
-    "dbi": "dBi",
-    "dbv": "dBV",
-    "hz": "Hz",
-    "rad": "rad",
-    "v2": "V^2",
-    "v": "V",
-    "db": "dB",
-    "m": "m",
-    "s": "s",
-}
-"""Units by the ending of a name; the first matching ending applies."""
 
 
 @app.command("points")
@@ -324,10 +296,7 @@ def list_formats(as_json: AsJson = False) -> None:
         {"format": r.name, "files": " ".join(r.facts["suffixes"]), "options": " ".join(list_options(r.run))}
         for r in RADAR_READERS.values()
     ]
-    if as_json:
-        print_json(rows)
-    else:
-        print_table(rows)
+    print_json(rows) if as_json else print_table(rows)
 
 
 @app.command("show")
@@ -357,13 +326,10 @@ def show(
         print(write_toml(as_table(radar) | conditions), end="")
         return
     kinds = {str(entry.get("kind")) for entry in conditions.get("impairments", ()) if isinstance(entry, dict)}
-    effects = describe_effects(radar, kinds)
+    derived, effects = list_derived_quantities(radar), describe_effects(radar, kinds)
     if as_json:
-        print_json(
-            {"parameters": parameters, "derived": list_derived_quantities(radar), "effects": effects, **conditions}
-        )
+        print_json({"parameters": parameters, "derived": derived, "effects": effects, **conditions})
         return
-    derived = list_derived_quantities(radar)
     print_tables(
         [
             [{"parameter": key, **_format_parameter(key, value)} for key, value in parameters.items()],
@@ -377,10 +343,12 @@ def show(
 
 
 def _format_parameter(key: str, value: Any) -> dict[str, str]:
+    from doppelgait.core.keys import unit_of
+
     if value is None:
         return {"value": "-", "unit": ""}
     if isinstance(value, dict):
         return {"value": ", ".join(f"{k} {v}" for k, v in value.items() if v not in (None, [])), "unit": ""}
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
-    unit = next((unit for end, unit in UNITS.items() if key == end or key.endswith(f"_{end}")), "")
+    unit = unit_of(key).replace("²", "^2").replace("°", "deg")  # consoles may be ASCII
     return {"value": text, "unit": "" if isinstance(value, str) else unit}

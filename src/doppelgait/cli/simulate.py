@@ -7,6 +7,7 @@ SigMF, or a folder for a XeThru recording.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -185,7 +186,6 @@ def put_target_options(
     first = targets[0]
     if speed is not None:
         # A model takes its speed as a parameter; a recording has its own.
-
         motion = first.get("motion")
         if not isinstance(motion, dict) or motion.get("kind") == "file":
             name = motion.get("path", "file") if isinstance(motion, dict) else "no model"
@@ -207,26 +207,7 @@ def put_target_options(
     first.update(facts)
 
 
-DEMO_SCENE: dict[str, Any] = {
-    "seed": 2018,
-    "duration_s": 4.0,
-    "radar_position_m": [0.0, 0.0, 1.0],
-    "radar": {"preset": "x4"},
-    "targets": [
-        {
-            "label": "human",
-            "motion": {"kind": "boulic", "speed_mps": 1.3, "height_m": 1.75},
-            "start_position_m": [7.5, 0.6],
-            "heading_deg": 180.0,
-        },
-        {
-            "label": "dog",
-            "motion": {"kind": "quadruped", "gait": "trot", "speed_mps": 1.6, "withers_m": 0.45},
-            "start_position_m": [1.8, -0.8],
-            "heading_deg": 0.0,
-        },
-    ],
-}
+DEMO_SCENE: dict[str, Any] = tomllib.loads(Path(__file__).with_name("demo.toml").read_text(encoding="utf-8"))
 """Scene file of the demonstration: an approaching person and a receding dog pass each other."""
 
 

@@ -54,8 +54,6 @@ def view(
 
     Example: doppelgait view walk.h5
 
-    Example: doppelgait view measured.h5 simulated.h5
-
     Example: doppelgait view home-alarm --no-browser
     """
     from doppelgait.viewer.server import check_installed, open_in_browser, serve

@@ -1,26 +1,13 @@
 """The format of frames in live streams and their files.
 
-Everything is little endian. A stream is a sequence of records of one layout::
-
-    offset  bytes  content
-    0       4      magic "DGfr"
-    4       1      version, 1
-    5       1      kind: 1 header, 2 frame, 3 end
-    6       2      0
-    8       4      length of the payload
-    12      ...    payload
-    12 + length    4 bytes: CRC-32 (zlib) of the bytes from offset 4 to the payload's end
-
-The payload of a header is JSON in UTF-8, at most 64 KiB: ``carrier_hz``, ``prf_hz``, ``range_start_m``,
-``bin_spacing_m``, ``range_bins`` and ``radar``, a preset's name or all parameters of the radar. That of a frame is its
-counter (uint64), the sender's time in s (float64) and one complex64 value in V per range bin. That of an end is empty.
-A stream starts with a header, which may be repeated. In datagrams the header is repeated, and each datagram contains
-whole records.
+``docs/howto/stream.md`` lists its records. All numbers are little endian; every record has a magic, version, kind,
+length and CRC-32. A stream starts with a header, which may be repeated; each datagram contains whole records.
 """
 
 from __future__ import annotations
 
 import math
+import re
 import struct
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -50,8 +37,10 @@ HEADER, FRAME, END = 1, 2, 3
 HEAD = struct.Struct("<4sBBHI")
 STAMP = struct.Struct("<Qd")
 CHECK = struct.Struct("<I")
-MAX_HEADER_BYTES = 65_536
 CHUNK_BYTES = 1 << 16
+EFFORT, CHECK_COST, MAX_CREDIT = 32, 8192, 1 << 24
+"""Bytes of checksums of damaged records that a received byte pays for, the further cost of each such record in the same
+unit (0.3 ns), and what is saved up: damage costs at most 0.05 s of processor per megabyte."""
 LARGEST_GAP = 1_000_000
 """Maximum gap of the frame counter; a larger jump is a restart of the counter."""
 FACTS = ("carrier_hz", "prf_hz", "bin_spacing_m", "range_start_m", "range_bins")
@@ -159,87 +148,90 @@ class FrameParser:
     def __init__(self, where: str) -> None:
         self.where, self.malformed, self.fault, self.ended = where, 0, "", False
         self.header: Header | None = None
-        self._buffer, self._lost = bytearray(), False
+        self._buffer, self._lost, self._credit = bytearray(), False, MAX_CREDIT
+        self._header_payload, self._plausible = b"", compile_heads(0)
 
-    def feed(self, content: bytes) -> Iterator[Header | Frame]:
+    def feed(self, content: bytes, *, last: bool = False) -> Iterator[Header | Frame]:
         """Yield the headers and frames that further bytes complete."""
         self._buffer += content
+        self._credit = min(self._credit + EFFORT * len(content), MAX_CREDIT)
+        version = self._buffer[4] if self._buffer.startswith(MAGIC) and len(self._buffer) > 4 else VERSION
+        if version != VERSION and self.header is None and not self.malformed:
+            raise RecordingError(f"{self.where}: has version {version} of the format; only {VERSION} is read")
         at = 0
         try:
-            while (start := self._buffer.find(MAGIC, at)) >= 0 and len(self._buffer) - start >= HEAD.size:
-                if start > at:
-                    self._count(f"{start - at} bytes that are no record")
+            while found := self._plausible.search(self._buffer, at):
+                start = found.start()
+                self._skip(at, start)
                 at = start
-                _, version, kind, _, length = HEAD.unpack_from(self._buffer, start)
-                if version != VERSION and self.header is None and not self.malformed:
-                    raise RecordingError(f"{self.where}: has version {version} of the format; only {VERSION} is read")
-                if fault := self._check_head(version, kind, length):
-                    if self.header is not None or kind != FRAME:
-                        self._count(fault)
-                    at += 1
-                    continue
+                _, _, kind, _, length = HEAD.unpack_from(self._buffer, start)
                 stop = start + HEAD.size + length
                 if len(self._buffer) < stop + CHECK.size:
-                    break
-                at += 1
-                payload = bytes(self._buffer[start + HEAD.size : stop])
-                if CHECK.unpack_from(self._buffer, stop)[0] != zlib.crc32(
-                    payload, zlib.crc32(self._buffer[start + 4 : start + HEAD.size])
-                ):
+                    if not last:
+                        break
+                    self._count(f"a record that ends after {len(self._buffer) - start} bytes")
+                    at = self._pay(start, length)
+                    continue
+                with memoryview(self._buffer) as view:
+                    checked = bytes(view[start + len(MAGIC) : stop])
+                if CHECK.unpack_from(self._buffer, stop)[0] != zlib.crc32(checked):
                     self._count("a record of a wrong checksum")
+                    at = self._pay(start, length)
                     continue
                 at, self._lost = stop + CHECK.size, False
-                if kind == HEADER:
-                    self.header = parse_header(payload, self.where)
-                    yield self.header
-                elif kind == FRAME:
-                    row = np.frombuffer(payload, dtype="<c8", offset=STAMP.size)
-                    if np.isfinite(row).all():
-                        counter, clock_s = STAMP.unpack_from(payload)
-                        yield Frame(counter, clock_s, row)
-                    else:
-                        self._count("a frame with NaN or infinite values")
-                else:
-                    self.ended = True
+                yield from self._decode(kind, checked[HEAD.size - len(MAGIC) :])
             else:
-                rest = len(self._buffer) - len(MAGIC) + 1
-                if start < 0 and rest > at:
-                    self._count(f"{rest - at} bytes that are no record")
-                    at = rest
+                end = len(self._buffer)
+                open_head = self._buffer.find(MAGIC, max(at, end - HEAD.size + 1))
+                rest = end if last else open_head if open_head >= 0 else max(at, end - len(MAGIC) + 1)
+                self._skip(at, rest)
+                at = rest
         finally:
             del self._buffer[:at]
 
-    def finish(self) -> Iterator[Header | Frame]:
-        """Yield the complete frames left when the stream ends."""
-        while self._buffer.startswith(MAGIC):
-            self._count(f"a record that ends after {len(self._buffer)} bytes")
-            del self._buffer[0]
-            yield from self.feed(b"")
-        if self._buffer:
-            self._count(f"{len(self._buffer)} bytes that are no record")
-            self._buffer.clear()
+    def _decode(self, kind: int, payload: bytes) -> Iterator[Header | Frame]:
+        """Yield the content of a whole record; a header that is repeated is not yielded again."""
+        if kind == END:
+            self.ended = True
+        elif kind == FRAME:
+            row = np.frombuffer(payload, dtype="<c8", offset=STAMP.size)
+            if np.isfinite(row).all():
+                counter, clock_s = STAMP.unpack_from(payload)
+                yield Frame(counter, clock_s, row)
+            else:
+                self._count("a frame with NaN or infinite values")
+        elif payload != self._header_payload:
+            self.header, self._header_payload = parse_header(payload, self.where), payload
+            self._plausible = compile_heads(self.header.range_m.size)
+            yield self.header
 
-    def _check_head(self, version: int, kind: int, length: int) -> str:
-        """Return the fault of a record's head, or ""."""
-        if version != VERSION or kind not in (HEADER, FRAME, END):
-            return f"a record of version {version} and kind {kind}"
-        most = {HEADER: MAX_HEADER_BYTES, END: 0}.get(kind, 0)
-        if kind == FRAME:
-            n_bins = 0 if self.header is None else self.header.range_m.size
-            expected = STAMP.size + 8 * n_bins
-            return "" if n_bins and length == expected else f"a frame of {length} bytes, expected are {expected}"
-        return "" if length <= most else f"a header or end of {length:,} bytes, at most {most:,} are allowed"
+    def _skip(self, start: int, stop: int) -> None:
+        """Count bytes that are no record, and heads among them that no record has."""
+        skipped = self._buffer[start:stop]
+        heads = 0 if self.header is None else skipped.count(MAGIC)
+        if heads and len(skipped) - (at := skipped.rfind(MAGIC)) >= HEAD.size:
+            _, version, kind, _, length = HEAD.unpack_from(skipped, at)
+            self._count(f"a record of version {version}, kind {kind} and {length:,} bytes", heads)
+        elif skipped:
+            self._count(f"{len(skipped)} bytes that are no record", max(heads, not self._lost))
 
-    def _count(self, fault: str) -> None:
-        """Count a malformed record; its remaining bytes are skipped."""
-        if not self._lost or not fault.endswith("no record"):
-            self.malformed, self.fault = self.malformed + 1, fault
+    def _pay(self, start: int, length: int) -> int:
+        """Return where to search after a damaged record; too much work skips all bytes."""
+        self._credit -= length + CHECK_COST
+        return start + 1 if self._credit >= 0 else len(self._buffer)
+
+    def _count(self, fault: str, number: int = 1) -> None:
+        """Count malformed records; their remaining bytes are skipped."""
+        if number:
+            self.malformed, self.fault = self.malformed + number, fault
         self._lost = True
 
 
-def sniff_frames(path: Path, head: bytes) -> bool:
-    """Return whether a file starts with frames of doppelgait's format."""
-    return head.startswith(MAGIC)
+def compile_heads(n_bins: int) -> re.Pattern[bytes]:
+    """Return the pattern of the heads of records; frames need a header first."""
+    frame = re.escape(struct.pack("<I", STAMP.size + 8 * n_bins))
+    kinds = [rb"\x01..(?:..\x00\x00|\x00\x00\x01\x00)", rb"\x03..\x00\x00\x00\x00", rb"\x02.." + frame]
+    return re.compile(MAGIC + rb"\x01(?:" + b"|".join(kinds[: 3 if n_bins else 2]) + rb")", re.DOTALL)
 
 
 @plugin("radar_writer", "frames", suffix=".dgf")
@@ -279,9 +271,10 @@ SETTLE_S, CREDIBLE, AGREE = 2.0, 100.0, 0.01
 agreement of both halves without which the clock was set, or stands for blocks of frames."""
 
 
-def find_rate_hz(radar: Radar, numbers: npt.NDArray[np.int64], clock_s: npt.NDArray[np.float64]) -> tuple[float, str]:
+def find_rate_hz(radar: Radar, stamps: Iterable[tuple[int, float]]) -> tuple[float, str]:
     """Return the rate that a radar states, or that of the sender's clock where it differs over seconds, and doubts."""
-    stated_hz = radar.prf_hz
+    stated_hz, table = radar.prf_hz, np.array(list(stamps), dtype=np.float64).reshape(-1, 2)
+    numbers, clock_s = table[:, 0].astype(np.int64), table[:, 1]
     if radar.burst_pulses is not None or clock_s.size < 8 or not np.isfinite(clock_s).all():
         return stated_hz, ""
     if np.ptp(clock_s) < SETTLE_S or (np.diff(numbers) < 1).any():
@@ -303,7 +296,7 @@ def find_rate_hz(radar: Radar, numbers: npt.NDArray[np.int64], clock_s: npt.NDAr
     return rates_hz[0], ""
 
 
-@plugin("radar_reader", "frames", sniff=sniff_frames, suffixes=(".dgf",))
+@plugin("radar_reader", "frames", sniff=lambda path, head: head.startswith(MAGIC), suffixes=(".dgf",))
 def read_frames(path: Path) -> Recording:
     """Read frames that were saved as a file."""
     if not path.is_file():
@@ -314,7 +307,7 @@ def read_frames(path: Path) -> Recording:
     rows: list[npt.NDArray[np.complex64]] = []
     with path.open("rb") as file:
         chunks = iter(partial(file.read, CHUNK_BYTES), b"")
-        for item in chain(chain.from_iterable(map(parser.feed, chunks)), parser.finish()):
+        for item in chain(chain.from_iterable(map(parser.feed, chunks)), parser.feed(b"", last=True)):
             if isinstance(item, Frame):
                 start_s = item.clock_s if not rows else start_s
                 counters.append(item.counter or 0)
@@ -356,7 +349,7 @@ def read_frames(path: Path) -> Recording:
         if not whole.all():
             warn_caller(f"{path}: {np.sum(counts < pulses):,} incomplete bursts are ignored")
     slow_time_s = header.radar.frame_time_s(numbers)
-    clock_hz, doubt = find_rate_hz(header.radar, numbers, clock_s)
+    clock_hz, doubt = find_rate_hz(header.radar, zip(numbers, clock_s, strict=True))
     if doubt:
         warn_caller(f"{path}: {doubt}")
     if clock_hz != header.radar.prf_hz:

@@ -52,15 +52,6 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     ------
     OutputError
         If the file cannot be written (no folder, no permission, disk full); an existing file then does not change.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> dg.radar.write_recording(recording, "walk.h5")
-    >>> dg.radar.read_recording("walk.h5").n_pulses
-    1920
     """
     with create_hdf5(path, RECORDING) as file:
         file.attrs["radar"] = format_canonical_json(recording.radar)

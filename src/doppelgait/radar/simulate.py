@@ -38,15 +38,6 @@ def synthesise(scatterers: AnyTable, radar: Radar) -> xr.DataArray:
     DataArray (slow_time, range)
         Superposition of all scatterers, complex64, V at the receiver output. Range migration from frame to frame is
         included; motion within a frame depends on the waveform (E-18, :mod:`doppelgait.radar.waveforms`).
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
-    >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
-    >>> baseband = dg.radar.synthesise(dg.scene.assemble(scene, [0.0, 1.0]), radar)
-    >>> abs(baseband).idxmax("range").values.round(1)  # range of the strongest echo after 0 and 1 s
-    array([6.8, 5.7])
     """
     table = ScattererTable.of(scatterers)
     bins = radar.waveform.synthesise_bins(fit_waveform(fold_scatterers(table, radar), radar), radar)  # without planes

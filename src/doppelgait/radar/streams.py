@@ -11,9 +11,9 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 from urllib.parse import urlsplit
@@ -44,6 +44,13 @@ CHUNK_BYTES = 1 << 16
 POLL_S = 0.05
 """Polling interval, s, of a file that does not grow, and of the closed state of a stream."""
 MAX_QUEUE_BYTES = 1 << 28
+SILENT_S = 1.0
+"""Time without a frame, s, after which another sender may take the place of a sensor."""
+MAX_CLIENTS = 16
+HOLD_S = 0.1
+"""Time, s, for which frames wait for an earlier one that is on its way."""
+RESTART_S, MAX_LOW = 1.0, 2000
+"""Time, s, and frames for which a lower frame counter stays low before it counts as a restart."""
 MAX_RF_VALUES = 1_000_000
 """Maximum number of values that a record may declare."""
 FAR_S = 1.0
@@ -64,6 +71,7 @@ class Counts:
     received: int = 0
     missing: int = 0
     repeated: int = 0
+    late: int = 0
     dropped: int = 0
     malformed: int = 0
     jumps: int = 0
@@ -83,16 +91,30 @@ class Stream:
     counts : Counts
     waiting : list of Frame
         First frames, until their times show the sender's rate.
+    reason : str
+        Why the stream ended.
+    complete : bool
+        False if a sender stopped without an end record.
     """
 
-    def __init__(self, source: str, *, expect: Radar | None, timeout_s: float, queue_s: float) -> None:
+    def __init__(
+        self,
+        source: str,
+        *,
+        expect: Radar | None,
+        timeout_s: float,
+        queue_s: float,
+        listener: _Listener | None = None,
+    ) -> None:
         self.source, self.counts, self.timeout_s = source, Counts(), timeout_s
+        self.reason, self.complete = "the source ended", True
         self.closing = threading.Event()
-        self.expected = None if expect is None else Header(expect, expect.range_axis_m())
+        self._expect, self.listener = expect, listener
         self._queue_s, self._size = queue_s, 1
         self._header: Header | None = None
         self._opening: Header | None = None
         self.waiting: list[Frame] = []  # until their times show the true rate
+        self._sorter: _Sorter | None = None
         self._clock: _Clock | None = None
         self._queue: deque[tuple[float, npt.NDArray[np.complex64]]] = deque()
         self._changed = threading.Condition()
@@ -148,12 +170,33 @@ class Stream:
         self.closing.set()
         with self._changed:
             self._changed.notify_all()
+            if self._ended and self.listener is not None:
+                self.listener.close()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def next_run(self) -> Stream:
+        """End this sender; return the stream of the next one (``once=False``)."""
+        listener, self.listener = self.listener, None
+        assert listener is not None
+        self.close()
+        with self._changed:
+            while not self._ended:
+                self._changed.wait(POLL_S)
+        following = Stream(
+            self.source, expect=self._expect, timeout_s=self.timeout_s, queue_s=self._queue_s, listener=listener
+        )
+        following.start(listener.receive(following), holds=False)
+        return following
+
+    def start(self, items: Generator[Header | Frame], holds: bool) -> None:
+        """Receive in a thread."""
+        name = f"frames of {self.source}"
+        threading.Thread(target=self.receive, args=(items, holds), daemon=True, name=name).start()
 
     def pass_message(self, kind: str, text: str) -> None:
         """Pass a message to the consumer, once per kind."""
@@ -162,36 +205,27 @@ class Stream:
                 self._said[kind] = text
                 self._unsaid.append(text)
 
-    def report_killed(self) -> None:
-        """Report that the sender stopped, unless the consumer closed the stream."""
-        if not self.closing.is_set():
-            self.pass_message(
-                "killed",
-                f"the sender stopped without an end record after {self.counts.received + len(self.waiting):,} frames",
-            )
-
     def difference(self, header: Header) -> str:
         """Return how a header differs from the expected one."""
         if self._opening is not None:
             return self._opening.difference(header)
-        return self.expected.difference(header, keys=EXPECTED, tolerance=EXPECTED_TOLERANCE) if self.expected else ""
+        if self._expect is None:
+            return ""
+        expected = Header(self._expect, self._expect.range_axis_m())
+        return expected.difference(header, keys=EXPECTED, tolerance=EXPECTED_TOLERANCE)
 
-    def receive(self, items: Iterator[Header | Frame], holds: bool) -> None:
+    def receive(self, items: Generator[Header | Frame], holds: bool) -> None:
         """Move frames into the queue; a source that ``holds`` waits while it is full."""
         error = ""
         try:
             for item in items:
                 if isinstance(item, Frame):
-                    if self._clock is not None:
-                        self._put(item, holds)
-                    elif self._opening is not None:
-                        self.waiting.append(item)
-                        if _shows_rate(self.waiting, self._opening.radar):
-                            self._open(self._opening, holds)
+                    for frame in self._sorter.add(item) if self._sorter else ():
+                        self._take(frame, holds)
                 elif said := self.difference(item):
                     raise RecordingError(f"{self.source}: frames of another radar are refused: {said}")
-                else:
-                    self._opening = self._opening or item
+                elif self._opening is None:
+                    self._opening, self._sorter = item, _Sorter(item.radar.prf_hz, self)
                 if self.closing.is_set():
                     break
         except RecordingError as found:
@@ -199,16 +233,40 @@ class Stream:
         except OSError as found:
             error = f"{self.source}: cannot be read: {found.strerror or found}"
         finally:
+            items.close()
+            for frame in self._sorter.finish() if self._sorter else ():
+                self._take(frame, holds)
             if self._opening is not None and self._clock is None:
                 self._open(self._opening, holds)
+            if not self.complete and not self.closing.is_set():
+                self.reason = f"the sender stopped without an end record after {self.counts.received:,} frames"
+                self.pass_message("killed", self.reason)
             with self._changed:
                 self._error, self._ended = error, True
                 self._changed.notify_all()
 
+    def _take(self, frame: Frame, holds: bool) -> None:
+        """Put a frame into the queue, or let it wait until the rate is known."""
+        assert self._opening is not None
+        if self._clock is not None:
+            self._put(frame, holds)
+            return
+        self.waiting.append(frame)
+        first, radar = self.waiting[0], self._opening.radar
+        numbered = None not in (first.counter, frame.counter) and radar.burst_pulses is None
+        ahead = (frame.counter or 0) - (first.counter or 0)
+        if (
+            not numbered
+            or not frame.clock_s - first.clock_s <= SETTLE_S
+            or not 0 <= ahead < CREDIBLE_START * SETTLE_S * radar.prf_hz
+            or len(self.waiting) * frame.row.nbytes > MAX_QUEUE_BYTES
+        ):
+            self._open(self._opening, holds)
+
     def _open(self, header: Header, holds: bool) -> None:
         """Set the radar with the rate that the first frames show, and pass them on."""
-        stamps = ((frame.counter or 0, frame.clock_s) for frame in self.waiting)
-        (rate_hz, doubt), stated_hz = _measure_stamped_rate_hz(stamps, header.radar), header.radar.prf_hz
+        stamps = [(frame.counter or 0, frame.clock_s) for frame in self.waiting]
+        (rate_hz, doubt), stated_hz = find_rate_hz(header.radar, stamps), header.radar.prf_hz
         if doubt:
             self.pass_message("clock", doubt)
         if rate_hz != stated_hz:
@@ -226,12 +284,9 @@ class Stream:
 
     def _put(self, frame: Frame, holds: bool) -> None:
         assert self._clock is not None
-        if not self._clock.start_with(frame):
-            return
-        if self._clock.repeats(frame):
-            self.counts.repeated += 1
-            self.pass_message("repeated", f"frame {frame.counter} came late or twice and is left out (frame counter)")
-            return
+        assert self._header is not None
+        if not self.counts.received and (frame.counter or 0) % (self._header.radar.burst_pulses or 1):
+            return  # not the start of a burst
         time_s, missing, jump = self._clock.time_s(frame)
         if rate_hz := self._clock.find_other_rate_hz(frame):
             self.pass_message("later rate", f"the rate is {rate_hz:.6g} Hz now; velocities are wrong by as much")
@@ -257,20 +312,63 @@ class Stream:
             )
 
 
-def _shows_rate(frames: Sequence[Frame], radar: Radar) -> bool:
-    """Return True if the first frames suffice to check the stated rate."""
-    counter, start = frames[-1].counter, frames[0].counter
-    if counter is None or start is None or radar.burst_pulses is not None or not math.isfinite(frames[-1].clock_s):
-        return True
-    return not 0 <= counter - start < CREDIBLE_START * SETTLE_S * radar.prf_hz or (
-        frames[-1].clock_s - frames[0].clock_s > SETTLE_S
-    )
+class _Sorter:
+    """Order frames by their counter; one that stays low is a restart of the sender."""
 
+    def __init__(self, prf_hz: float, stream: Stream) -> None:
+        self._stream = stream
+        self._depth = min(max(2, round(HOLD_S * prf_hz)), MAX_DISORDER)
+        self._patience = max(MAX_DISORDER, min(round(RESTART_S * prf_hz), MAX_LOW))
+        self._held: dict[int, Frame] = {}
+        self._low: list[Frame] = []
+        self._last: Frame | None = None
 
-def _measure_stamped_rate_hz(stamps: Iterable[tuple[int, float]], radar: Radar) -> tuple[float, str]:
-    """Return the rate of frames by their numbers and the sender's clock, or the stated one, and doubts."""
-    table = np.array(list(stamps), dtype=np.float64).reshape(-1, 2)
-    return find_rate_hz(radar, table[:, 0].astype(np.int64), table[:, 1])
+    def add(self, frame: Frame) -> Iterator[Frame]:
+        """Yield the frames that are next."""
+        number, last = frame.counter, -1 if self._last is None else self._last.counter
+        if number is None or last is None:  # a recording: without counters
+            yield frame
+        elif self._last is not None and number <= last:
+            self._low.append(frame)
+            if len(self._low) > (MAX_DISORDER if frame.clock_s > self._last.clock_s else self._patience):
+                yield from self._restart()
+        else:
+            self._leave_out(self._low)
+            if number in self._held:
+                self._leave_out([frame])
+            elif number + 1 in self._held:
+                self._stream.counts.late += 1
+            self._held.setdefault(number, frame)
+            while len(self._held) > self._depth or (self._last is not None and last + 1 in self._held):
+                released = self._release()
+                last = released.counter or 0
+                yield released
+
+    def finish(self) -> Iterator[Frame]:
+        """Yield what is held at the end."""
+        if len(self._low) > MAX_DISORDER:
+            yield from self._restart()
+        self._leave_out(self._low)
+        while self._held:
+            yield self._release()
+
+    def _release(self) -> Frame:
+        self._last = self._held.pop(min(self._held))
+        return self._last
+
+    def _restart(self) -> Iterator[Frame]:
+        """Yield what is held, then the frames since the restart."""
+        low, self._low = self._low, []
+        yield from self.finish()
+        self._last = None
+        for frame in low:
+            yield from self.add(frame)
+
+    def _leave_out(self, frames: list[Frame]) -> None:
+        if frames:
+            self._stream.counts.repeated += len(frames)
+            self._stream.pass_message("repeated", f"frame {frames[0].counter} came late or twice and is left out")
+        self._low = []
 
 
 class _Clock:
@@ -283,12 +381,6 @@ class _Clock:
         self._every = max(1, round(RECENT_S * radar.prf_hz / MAX_RECENT))
         self._recent: deque[tuple[int, float]] = deque(maxlen=max(2, round(RECENT_S * radar.prf_hz / self._every)))
 
-    def repeats(self, frame: Frame) -> bool:
-        """Return True for a frame that was there or is late; a lower counter is another start."""
-        if frame.counter is None or self._last is None:
-            return False
-        return -MAX_DISORDER < frame.counter - self._last[0] <= 0
-
     def find_other_rate_hz(self, frame: Frame) -> float | None:
         """Return the rate of the last 10 s if the radar's differs; checked now and then."""
         if frame.counter is None or frame.counter % self._every:
@@ -296,13 +388,9 @@ class _Clock:
         self._recent.append((frame.counter, frame.clock_s))
         if len(self._recent) < (self._recent.maxlen or 0):
             return None
-        rate_hz, _ = _measure_stamped_rate_hz(self._recent, self._radar)
+        rate_hz, _ = find_rate_hz(self._radar, self._recent)
         self._recent.clear()
         return None if rate_hz == self._radar.prf_hz else rate_hz
-
-    def start_with(self, frame: Frame) -> bool:
-        """Return whether frames, or complete bursts, have started."""
-        return self._last is not None or frame.counter is None or frame.counter % (self._radar.burst_pulses or 1) == 0
 
     def time_s(self, frame: Frame) -> tuple[float, int, str]:
         """Return time, number of missing frames, and a jump as text."""
@@ -314,12 +402,20 @@ class _Clock:
             self._time_s = frame.clock_s if math.isfinite(frame.clock_s) else 0.0
             self._ahead_s = self._time_s - by_counter_s
             return self._time_s, 0, ""
-        step, jump = frame.counter - last[0], ""
+        step, clock_step_s, jump = frame.counter - last[0], frame.clock_s - last[1], ""
         if not 0 < step <= LARGEST_GAP:
-            jump = f"the frame counter jumps from {last[0]:,} to {frame.counter:,}; time continues by one frame"
-            self._ahead_s = self._time_s + 1.0 / self._radar.prf_hz - by_counter_s
+            jump = f"the frame counter jumps from {last[0]:,} to {frame.counter:,}; time continues there"
+            later_s = clock_step_s if math.isfinite(clock_step_s) else 0.0
+            self._ahead_s = self._time_s + max(later_s, 1.0 / self._radar.prf_hz) - by_counter_s
             step = 1
-        elif not 0 < frame.clock_s - last[1] <= by_counter_s + self._ahead_s - self._time_s + FAR_S:
+        elif 0.0 < clock_step_s < step / self._radar.prf_hz - FAR_S:
+            jump = (
+                f"the frame counter jumps from {last[0]:,} to {frame.counter:,}, the sender's clock by "
+                f"{clock_step_s:.3g} s only; the clock is used"
+            )
+            step = max(1, round(clock_step_s * self._radar.prf_hz))
+            self._ahead_s = self._time_s + step / self._radar.prf_hz - by_counter_s
+        elif not 0 < clock_step_s <= by_counter_s + self._ahead_s - self._time_s + FAR_S:
             jump = (
                 f"the sender's clock jumps from {last[1]:.9g} to {frame.clock_s:.9g} s at frame {frame.counter:,}; "
                 "the frame counter is used"
@@ -334,6 +430,7 @@ def open_stream(
     expect: Radar | None = None,
     timeout_s: float = 10.0,
     queue_s: float = 5.0,
+    once: bool = True,
     **options: Any,
 ) -> Stream:
     """Open a live source of radar frames.
@@ -352,6 +449,10 @@ def open_stream(
     queue_s : float
         Duration of the frames that the queue holds. If it is full, files and standard input wait;
         for sockets the oldest frames are dropped and counted.
+    once : bool
+        For sockets. True ends with the first TCP connection, or with the first sender of datagrams. False drops who
+        sends no header or no frame for ``timeout_s``, and takes the next; after the end of a sender, ``next_run()`` of
+        the stream returns the stream of the next one.
     **options
         Options for recordings, as of :func:`read_recording`; ``prf_hz`` of XeThru files without one.
 
@@ -375,18 +476,15 @@ def open_stream(
     text = os.fspath(source)
     if not timeout_s >= 0 or not queue_s > 0:
         raise ConfigError(f"timeout_s = {timeout_s} and queue_s = {queue_s}: must be at least 0, and above 0")
-    stream = Stream(text, expect=expect, timeout_s=timeout_s, queue_s=queue_s)
-    holds, name = True, urlsplit(text).scheme
-    items: Iterator[Header | Frame]
+    name = urlsplit(text).scheme
+    listener = _Listener(text, name, once) if name in ("tcp", "udp") else None
+    stream = Stream(text, expect=expect, timeout_s=timeout_s, queue_s=queue_s, listener=listener)
+    items: Generator[Header | Frame]
     if text == "-":
         stream.source = "standard input"
         items = _parse(_input_bytes(stream), stream)
-    elif name in ("tcp", "udp"):
-        holds = False
-        listener = _listen(text, name)
-        host, port = listener.getsockname()[:2]
-        stream.source = f"{name}://{host}:{port}"
-        items = _parse(_tcp_bytes(listener, stream), stream) if name == "tcp" else _receive_udp_frames(listener, stream)
+    elif listener is not None:
+        stream.source, items = listener.source, listener.receive(stream)
     else:
         path = Path(text)
         if path.is_dir() or path.name == META_NAME:
@@ -411,11 +509,11 @@ def open_stream(
             )
     if options:
         raise ConfigError(f"{stream.source}: takes no option {', '.join(options)}; only recordings have some")
-    threading.Thread(target=stream.receive, args=(items, holds), daemon=True, name=f"frames of {text}").start()
+    stream.start(items, holds=listener is None)
     return stream
 
 
-def _replay_frames(recording: Recording) -> Iterator[Header | Frame]:
+def _replay_frames(recording: Recording) -> Generator[Header | Frame]:
     times_s = recording.slow_time_s
     yield make_header(recording.radar, recording.range_m, recording.facts, times_s)
     for first, rows in read_tiles(recording.frames.get_values()):
@@ -428,7 +526,7 @@ def _is_xethru_data(path: Path) -> bool:
     return kind is not None and kind.name in CONVERTIBLE
 
 
-def _parse(chunks: Iterator[bytes], stream: Stream) -> Iterator[Header | Frame]:
+def _parse(chunks: Iterator[bytes], stream: Stream) -> Generator[Header | Frame]:
     """Yield headers and frames of a byte stream."""
     parser = FrameParser(stream.source)
     for chunk in chunks:
@@ -436,10 +534,10 @@ def _parse(chunks: Iterator[bytes], stream: Stream) -> Iterator[Header | Frame]:
         _count_malformed(parser, stream)
         if parser.ended:
             return
-    yield from parser.finish()
+    yield from parser.feed(b"", last=True)
     _count_malformed(parser, stream)
     if not parser.ended:
-        stream.report_killed()
+        stream.complete = False
 
 
 def _count_malformed(parser: FrameParser, stream: Stream) -> None:
@@ -479,86 +577,156 @@ def _file_bytes(path: Path, stream: Stream) -> Iterator[bytes]:
         yield from _poll(lambda: file.read(CHUNK_BYTES) or None, stream, pause_s=POLL_S)
 
 
-def _listen(text: str, name: str) -> socket.socket:
-    """Bind a socket, by default to the loopback interface only."""
-    try:
-        parts = urlsplit(text)
-        port = parts.port
-    except ValueError:
-        port = None
-    if port is None or parts.path not in ("", "/"):
-        raise ConfigError(f"source {text}: is not allowed; give {name}://HOST:PORT, for example {name}://{LOCAL}:7290")
-    kind = socket.SOCK_STREAM if name == "tcp" else socket.SOCK_DGRAM
-    listener = socket.socket(socket.AF_INET, kind)
-    try:
-        option = (socket.SO_REUSEADDR, 1) if name == "tcp" else (socket.SO_RCVBUF, 1 << 22)
-        listener.setsockopt(socket.SOL_SOCKET, *option)
-        listener.bind((parts.hostname or LOCAL, port))
-        if name == "tcp":
-            listener.listen(1)
-    except OSError as error:
-        listener.close()
-        raise RecordingError(f"{text}: cannot be opened: {error.strerror or error}") from None
-    listener.settimeout(POLL_S)
-    return listener
+@dataclass(eq=False)
+class _Client:
+    """Connection or address of datagrams that is, or may become, the sender."""
+
+    parser: FrameParser
+    heard_s: float = field(default_factory=time.monotonic)
+    items: list[Header | Frame] = field(default_factory=list)  # until it is the sensor
+    is_ready: bool = False  # a frame came
+
+    def is_silent(self, time_s: float) -> bool:
+        return time.monotonic() - self.heard_s >= time_s
 
 
-def _tcp_bytes(listener: socket.socket, stream: Stream) -> Iterator[bytes]:
-    """Yield the bytes of the first sender that connects."""
-    sender = None
-    with listener:
-        while sender is None:
-            if stream.closing.is_set():
-                return
-            with suppress(TimeoutError):
-                sender, _ = listener.accept()
+class _Listener:
+    """Socket, by default of the loopback interface, that receives one sender after the other."""
 
-    def read() -> bytes | None:
+    def __init__(self, text: str, name: str, once: bool) -> None:
         try:
-            return sender.recv(CHUNK_BYTES)
-        except TimeoutError:
-            return None
-        except ConnectionError:
-            return b""
+            parts = urlsplit(text)
+            port = parts.port
+        except ValueError:
+            port = None
+        if port is None or parts.path not in ("", "/"):
+            raise ConfigError(
+                f"source {text}: is not allowed; give {name}://HOST:PORT, for example {name}://{LOCAL}:7290"
+            )
+        self._is_tcp, self._once = name == "tcp", once
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM if self._is_tcp else socket.SOCK_DGRAM)
+        self._clients: dict[Any, _Client] = {}  # by connection, or address
+        try:
+            option = (socket.SO_REUSEADDR, 1) if self._is_tcp else (socket.SO_RCVBUF, 1 << 22)
+            self._socket.setsockopt(socket.SOL_SOCKET, *option)
+            self._socket.bind((parts.hostname or LOCAL, port))
+            if self._is_tcp:
+                self._socket.listen()
+        except OSError as error:
+            self._socket.close()
+            raise RecordingError(f"{text}: cannot be opened: {error.strerror or error}") from None
+        self._socket.settimeout(POLL_S)
+        self.source = "{}://{}:{}".format(name, *self._socket.getsockname())
 
-    with sender:
-        sender.settimeout(POLL_S)
-        yield from _poll(read, stream)
+    def close(self) -> None:
+        for key in list(self._clients):
+            self._drop(key)
+        self._socket.close()
 
-
-def _receive_udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Frame]:
-    """Yield the frames of one sender of datagrams; one with the same header replaces it."""
-    parser, sender, heard = FrameParser(stream.source), None, math.inf
-    with listener:
-        while not stream.closing.is_set():
-            try:
-                content, address = listener.recvfrom(CHUNK_BYTES)
-            except TimeoutError:
-                if time.monotonic() - heard > stream.timeout_s:
-                    stream.report_killed()
+    def receive(self, stream: Stream) -> Generator[Header | Frame]:
+        """Yield what one sender sends until its end, or until another one replaces it."""
+        own: Any = None
+        try:
+            while not stream.closing.is_set():
+                sender = self._clients.get(own)
+                ready = [
+                    key for key, one in self._clients.items() if one is not sender and (one.is_ready or self._once)
+                ]
+                if sender is None and ready:
+                    own, sender = ready[0], self._clients[ready[0]]
+                    if self._once and self._is_tcp:
+                        self._socket.close()
+                    yield from sender.items
+                elif sender is not None and (
+                    sender.parser.ended or sender.is_silent(SILENT_S if ready else stream.timeout_s)
+                ):
+                    stream.complete = sender.parser.ended
                     return
-                continue
-            if address != sender:
-                probe = FrameParser(stream.source)
-                try:
-                    header = next((item for item in probe.feed(content) if isinstance(item, Header)), None)
-                    reason = stream.difference(header) if header else "they do not begin with a header"
-                except RecordingError as error:
-                    reason = str(error)
-                if reason:
-                    stream.counts.refused += 1
-                    stream.pass_message("refused", f"datagrams of {address[0]}:{address[1]} are refused: {reason}")
+                for key, content in self._read(sender, stream):
+                    if sender is None or key != own:
+                        self._meet(key, content, sender, stream)
+                        continue
+                    for item in sender.parser.feed(content, last=not (content and self._is_tcp)):
+                        sender.heard_s = time.monotonic()
+                        yield item
+                    _count_malformed(sender.parser, stream)
+                    if self._is_tcp and not content:
+                        sender.heard_s = -math.inf
+                for key, one in list(self._clients.items()):
+                    if one is not sender and one.is_silent(max(stream.timeout_s, SILENT_S)):
+                        reason = "another one sends" if one.is_ready else f"no frame for {stream.timeout_s:g} s"
+                        self._refuse(key, reason, stream)
+        finally:
+            self._drop(own)
+            if self._once or (stream.closing.is_set() and stream.listener is self):
+                self.close()
+
+    def _read(self, sender: _Client | None, stream: Stream) -> Iterator[tuple[Any, bytes]]:
+        """Yield new bytes of every client, none for a connection that was closed."""
+        if not self._is_tcp:
+            with suppress(TimeoutError, ConnectionError):
+                content, address = self._socket.recvfrom(CHUNK_BYTES)
+                yield address, content
+            return
+        listening = [] if self._socket.fileno() < 0 else [self._socket]
+        unheard = [key for key, one in self._clients.items() if one is sender or not one.is_ready]
+        for one in select.select([*listening, *unheard], [], [], POLL_S)[0]:
+            try:
+                if one is not self._socket:
+                    yield one, one.recv(CHUNK_BYTES)
                     continue
-                sender = address
-            heard = time.monotonic()
-            yield from parser.feed(content)
-            yield from parser.finish()
-            _count_malformed(parser, stream)
-            if parser.ended:
-                return
+                connection, address = one.accept()
+            except BlockingIOError:
+                continue
+            except OSError:
+                if one is not self._socket:
+                    yield one, b""
+                stream.closing.wait(POLL_S)
+                continue
+            connection.setblocking(False)
+            self._add(connection, address, stream)
+
+    def _add(self, key: Any, address: tuple[str, int], stream: Stream) -> None:
+        self._clients[key] = _Client(FrameParser("{}:{}".format(*address)))
+        if len(self._clients) > MAX_CLIENTS:
+            self._refuse(key, f"there are {MAX_CLIENTS} others", stream)
+
+    def _meet(self, key: Any, content: bytes, sender: _Client | None, stream: Stream) -> None:
+        """Take what comes from another client than the sender; a header makes it the next one."""
+        speaks = not self._is_tcp and sender is not None and not sender.is_silent(SILENT_S)
+        if speaks and stream.counts.refused:  # the first one is parsed, for the message
+            stream.counts.refused += 1
+            return
+        if key not in self._clients:
+            self._add(key, key, stream)
+        if (client := self._clients.get(key)) is None:
+            return
+        reason = "" if content else "closed before its first frame"
+        try:
+            client.items += client.parser.feed(content)
+            headers = [item for item in client.items if isinstance(item, Header)]
+            client.is_ready = len(client.items) > len(headers)
+            reason = reason or next(filter(None, map(stream.difference, headers)), "")
+        except RecordingError as error:
+            reason = str(error)
+        if client.parser.header is None and not self._is_tcp:
+            reason = reason or "they do not begin with a header"
+        if reason or speaks:
+            self._refuse(key, reason or "another one sends", stream)
+
+    def _refuse(self, key: Any, reason: str, stream: Stream) -> None:
+        """Count a client, and end its connection."""
+        stream.counts.refused += 1
+        name, kind = self._clients[key].parser.where, "connections" if self._is_tcp else "datagrams"
+        stream.pass_message("refused", f"{kind} of {name} are refused: {reason}")
+        self._drop(key)
+
+    def _drop(self, key: Any) -> None:
+        if self._clients.pop(key, None) is not None and self._is_tcp:
+            key.close()
 
 
-def _follow_xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]) -> Iterator[Header | Frame]:
+def _follow_xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]) -> Generator[Header | Frame]:
     """Yield frames of a growing XeThru data file."""
     kind = find_data_type_by_file(path.name)
     assert kind is not None

@@ -69,10 +69,10 @@ class Rolling:
         """Add the new part of a window."""
         recording = window.recording
         moving = recording.samples.matrix - recording.samples.matrix.mean(axis=0)
-        alarm = self._alarm
         with self._lock:
-            if self._stop_s is not None and window.start_s < self._stop_s - 2 * (window.stop_s - window.start_s):
-                for columns in self._columns.values():  # the stream has restarted
+            if self._state["state"] == "ended" or window.stop_s < (self._stop_s or 0.0) - SPAN_S / 6:
+                self._marks.clear()
+                for columns in self._columns.values():
                     columns.clear()
                 self._begin_s = window.start_s
             self._begin_s = min(self._begin_s, window.start_s)
@@ -93,7 +93,7 @@ class Rolling:
                         "alarm": one.alarm,
                         "range_m": one.range_m,
                         "approach_mps": one.approach_mps,
-                        "evidence": None if alarm is None else one.probabilities[alarm],
+                        "evidence": None if self._alarm is None else one.probabilities[self._alarm],
                     }
                 )
             first_s = window.stop_s - SPAN_S

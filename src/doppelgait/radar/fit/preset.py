@@ -290,9 +290,7 @@ def _iterate_noise(kind: SensorKind) -> Iterator[Table]:
 
 
 def _make_doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
-    """Return knots of noise over the floor, by Doppler. At refused frequencies it is that floor, 0
-    dB; an impairment extends its outer knots to both sides.
-    """
+    """Return knots of noise over the floor, by Doppler; 0 dB at refused frequencies."""
     step_hz, runs = kind.doppler_step_hz, [[kind.doppler[0]]]
     for before, here in pairwise(kind.doppler):
         if here[0] - before[0] > 1.5 * step_hz:

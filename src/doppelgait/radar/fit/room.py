@@ -141,9 +141,8 @@ class SeriesFit:
 
 
 def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: float = 0.0) -> SeriesFit:
-    """Fit drift, random walk and white jitter to a series. The differences of x have the covariance
-    q dt I + s^2 T, where T is tridiagonal with 2 and -1. The restricted likelihood is used, which
-    allows for the fitted drift (Patterson and Thompson, Biometrika 58, 1971, 545).
+    """Fit drift, random walk and white jitter to a series: the differences have the covariance q dt I + s^2 T, T
+    tridiagonal with 2 and -1; restricted likelihood (Patterson and Thompson, Biometrika 58, 1971, 545).
     """
     from scipy.fft import dst
     from scipy.optimize import minimize
@@ -311,9 +310,8 @@ def estimate_noise_floor(static: StaticPart, quiet: Mask) -> NoiseFloor:
 
 
 def estimate_bin_correlation(rows: ComplexArray, per_row: float) -> tuple[ComplexArray, float]:
-    """Estimate the noise correlation at a lag of l bins, and its uncertainty. It is a median over
-    the bins, and 0 from the first insignificant lag; ``per_row`` is the number of rows (I, N) per
-    independent one.
+    """Estimate the noise correlation at a lag of l bins, and its uncertainty: a median over the bins, 0 from the first
+    insignificant lag on; ``per_row`` is the number of rows (I, N) per independent one.
     """
     unit = rows / np.sqrt(np.maximum(np.mean(np.abs(rows) ** 2, axis=0), 1e-300))
     rho = np.ones(min(LAGS, rows.shape[1] - 1) + 1, dtype=complex)
@@ -344,9 +342,7 @@ class Profile:
 def fit_clutter_profile(
     echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, resolution_m: float
 ) -> Profile:
-    """Fit the likeliest clutter to static echoes (N,), complex Gaussian cells.
-    It is linear in dB between knots and constant beyond them.
-    """
+    """Fit the likeliest clutter, linear in dB between knots, to static echoes (N,)."""
     spacing = float(np.mean(np.diff(range_m)))
     sigma = resolution_m / (2.0 * math.sqrt(math.log(2.0)))
     per_cell = max(1.0, sigma * math.sqrt(2.0 * math.pi) / spacing)
@@ -447,9 +443,7 @@ class MovingInterval:
 
 @dataclass(frozen=True)
 class Room:
-    """Static echoes, noise, phase and faults of a room.
-    Shapes: echo_v (N,); time_s and factor of the frames that are used (I,).
-    """
+    """Static echoes (N,), noise, phase and faults of a room; factors of its frames (I,)."""
 
     noise: NoiseFloor
     echo_v: ComplexArray
@@ -466,10 +460,8 @@ class Room:
 
 
 def fit_room(recording: Recording) -> Room:
-    """Fit static echoes, noise, phase and faults to a room. The model is y[i, n] = z_i c_n + w[i,
-    n]: static echoes c times one complex factor z per frame (its angle is the phase of the frame,
-    its modulus the gain) plus white Gaussian noise (E-18), which may be correlated between
-    neighbouring bins. Targets, interference and dropped frames are detected first and excluded.
+    """Fit y[i, n] = z_i c_n + w[i, n]: static echoes c, a complex factor z per frame (phase and gain), and white
+    noise w (E-18), which neighbouring bins may share. Targets, interference and dropped frames are left out first.
     """
     time_s, range_m = (np.asarray(x, dtype=np.float64) for x in (recording.slow_time_s, recording.range_m))
     samples = np.asarray(recording.samples.matrix, dtype=np.complex128)

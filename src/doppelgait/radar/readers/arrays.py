@@ -318,9 +318,7 @@ def make_recording(values: npt.NDArray[Any], axes: Arrays, options: Mapping[str,
 
 @array_reader("arrays", sniff=sniff_arrays, suffixes=(".npz", ".npy"), make=make_recording)
 def parse_arrays(path: Path, *, time_first: bool | None = None, key: str | None = None) -> Parsed:
-    """Read a complex matrix (pulses, range bins) of a NumPy file.
-    A one-dimensional array is a continuous-wave recording. A ``.npy`` file holds one array.
-    """
+    """Read a complex matrix (pulses, range bins) of a NumPy file; one row is continuous wave."""
     facts = read_facts(path, {} if key is None else {"key": key})
     wanted = (facts.key or MATRIX, *PARTS, *AXES)
     is_npy = read_head(path).startswith(NPY_MAGIC)

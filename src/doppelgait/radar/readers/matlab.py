@@ -160,11 +160,6 @@ DRIVER_LIGHT_SPEED_MPS = 3e8
 """Speed of light in the X4 driver, on which the bin lengths in files are based."""
 
 
-def sniff_matlab(path: Path, head: bytes) -> bool:
-    """Return whether a file starts like MATLAB 5 to 7.3."""
-    return head.startswith(HEADERS)
-
-
 class Held(NamedTuple):
     """Variable of a file: its shape, whether it is complex (None for text, cells and the like), and how to load it."""
 
@@ -233,7 +228,13 @@ def _find_frame_matrices(shapes: Mapping[str, Any]) -> list[str]:
     return [name for name in shapes if re.fullmatch(rf"{MATRIX}(_\d+)?", name)]
 
 
-@array_reader("matlab-rf", sniff=sniff_matlab, suffixes=(".mat",), by_name=(".mat",), parts=list_matrices)
+@array_reader(
+    "matlab-rf",
+    sniff=lambda path, head: head.startswith(HEADERS),
+    suffixes=(".mat",),
+    by_name=(".mat",),
+    parts=list_matrices,
+)
 def parse_matlab(
     path: Path,
     *,

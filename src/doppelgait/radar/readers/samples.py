@@ -42,12 +42,11 @@ def scale_integers(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.asarray(values / largest - (values.dtype.kind == "u"))
 
 
-def sniff_wav(path: Path, head: bytes) -> bool:
-    """Return whether a file is a WAV file."""
-    return head[:4] in (b"RIFF", b"RIFX", b"RF64") and head[8:12] == b"WAVE"
-
-
-@array_reader("wav", sniff=sniff_wav, suffixes=(".wav",))
+@array_reader(
+    "wav",
+    sniff=lambda path, head: head[:4] in (b"RIFF", b"RIFX", b"RF64") and head[8:12] == b"WAVE",
+    suffixes=(".wav",),
+)
 def parse_wav(path: Path, *, channel: int | None = None, decimate: int = 1) -> Parsed:
     """Read a sound file: two channels are I and Q, one is the one output of a module, which has no direction."""
     from scipy.io import wavfile
@@ -174,9 +173,7 @@ def sniff_csv(path: Path, head: bytes) -> bool:
 
 @array_reader("csv", sniff=sniff_csv, suffixes=(".csv", ".tsv", ".txt"), by_name=(".csv", ".tsv"))
 def parse_csv(path: Path, *, columns: str | None = None, prf_hz: float | None = None) -> Parsed:
-    """Read columns of text by their names: I and Q (or re, im), or one real output, and time in s,
-    ms, us or ns. Without times, gaps of a counter are lost rows.
-    """
+    """Read columns by name: I and Q, or one output; times, or a counter with gaps."""
     import pandas as pd
 
     check_cost(path, CELL_BYTES * path.stat().st_size / 4, RecordingError)
