@@ -52,7 +52,7 @@ from doppelgait.classify.model import (
 from doppelgait.classify.scores import DETECTED_SHARE, Answers
 from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS
 from doppelgait.core.config import convert_to_json
-from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.errors import ConfigError, DatasetError, explain_memory
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.open import Dataset
@@ -436,6 +436,7 @@ class Evaluation:
     models: dict[str, Model]
 
 
+@explain_memory
 def evaluate(
     dataset: Dataset,
     *,
