@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from doppelgait import __version__
-from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.core.documents import parse_json, read_document
+from doppelgait.core.errors import ConfigError, DatasetError, OutputError, explain_memory
 from doppelgait.core.files import hash_file
 from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
 from doppelgait.dataset.config import PlanConfig, Progress
@@ -111,6 +111,7 @@ class _Tally:
     bytes: int = 0
 
 
+@explain_memory
 def build_dataset(
     config: PlanConfig,
     directory: str | Path,
@@ -290,7 +291,7 @@ def _read_complete_record(job: Job, shard: Shard) -> dict[str, Any] | None:
     raise_if_stopped()
     path = job.target / "shards" / f"{shard.name}.h5"
     try:
-        record: dict[str, Any] = parse_json(path.with_suffix(".json").read_text())
+        record: dict[str, Any] = parse_json(read_document(path.with_suffix(".json")))
         known = {row["scene_id"] for row in record["rows"]} | {failure["id"] for failure in record["failures"]}
         whole = (
             (record["dataset"], record["shard"]) == (job.header.id, shard.name)

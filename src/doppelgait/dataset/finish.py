@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from doppelgait import __version__
 from doppelgait.core.config import format_canonical_json, validate
-from doppelgait.core.documents import parse_json
+from doppelgait.core.documents import parse_json, read_document
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import FileKind, hash_file, open_atomically, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
@@ -204,7 +204,7 @@ def make_card(directory: str | Path) -> str:
     description = read_description(folder)
     written = folder / "README.md"
     if description.get("complete") and written.is_file():
-        return written.read_text()
+        return read_document(written).decode()
     if description.get("origin") != "simulated":
         raise DatasetError(f"{folder}: has no card and was not simulated; import it again")
     config = validate(PlanConfig, description["config"], where=str(folder / "dataset.json"))
@@ -216,7 +216,7 @@ def read_description(folder: Path) -> dict[str, Any]:
     """Read ``dataset.json`` of a folder."""
     path = folder / "dataset.json"
     try:
-        description = parse_json(path.read_text())
+        description = parse_json(read_document(path))
     except NotADirectoryError:
         raise DatasetError(f"{folder}: is a file; name the folder of a dataset") from None
     except FileNotFoundError:
@@ -239,7 +239,7 @@ def find_dataset(target: Path, header: Header, *, ignored: Sequence[str] = ()) -
             raise DatasetError(f"{target}: is not empty and contains no dataset; choose another folder")
         return None
     try:
-        described: dict[str, Any] = parse_json(path.read_text())
+        described: dict[str, Any] = parse_json(read_document(path))
         stated, config = described.get("id"), described.get("config", {})
     except (ValueError, AttributeError, RecursionError) as error:
         raise DatasetError(f"{path}: is damaged: {error}; delete the folder or choose another") from None
@@ -304,7 +304,7 @@ def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
     for name in names:
         raise_if_stopped()
         path = target / "shards" / f"{name}.json"
-        record = parse_json(path.read_text())
+        record = parse_json(read_document(path))
         fault = "record"
         if isinstance(record, Mapping):
             fault = next((key for key, kind in RECORD_KINDS.items() if type(record.get(key, "")) is not kind), "")
@@ -366,7 +366,10 @@ def _make_table(rows: Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -
     block, arrays = list(rows), {}
     for name, kind in columns.items():
         values = [row.get(name) for row in block]
-        if kind == NUMBER:
-            values = [None if value is None else float(value) for value in values]
-        arrays[INDEX_NAMES.get(name, name)] = pa.array(values, type=pa.type_for_alias(kind))
+        try:
+            if kind == NUMBER:
+                values = [None if value is None else float(value) for value in values]
+            arrays[INDEX_NAMES.get(name, name)] = pa.array(values, type=pa.type_for_alias(kind))
+        except (TypeError, ValueError, OverflowError) as error:
+            raise DatasetError(f"a record's {name} is damaged: {error}; build its shard again") from None
     return pa.table(arrays)

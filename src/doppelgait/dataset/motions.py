@@ -21,6 +21,7 @@ from doppelgait.core.errors import (
     MotionError,
     warn_caller,
 )
+from doppelgait.core.files import list_files
 from doppelgait.dataset.config import PlanConfig, Progress, SourceSection, shorten
 from doppelgait.motion.motion import Motion
 
@@ -264,7 +265,7 @@ def _list_segments(
             f"{key}.path: {spec.path!r} is not allowed: there is no such folder in {folder.resolve()}; name the folder "
             "that contains it with --motion-folder"
         )
-    files = sorted(path for path in root.rglob(spec.pattern) if path.is_file())
+    files = list_files(root, spec.pattern)
     found: list[tuple[dict[str, Any], Motion]] = []
     refused: dict[str, str] = {}
     for number, file in enumerate(files, start=1):

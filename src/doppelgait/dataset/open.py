@@ -15,8 +15,8 @@ import pandas as pd
 import xarray as xr
 
 from doppelgait.core.config import convert_to_json, validate
-from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
-from doppelgait.core.errors import DatasetError
+from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json, read_document, stat_regular
+from doppelgait.core.errors import DatasetError, explain_memory
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.rng import RandomSource, Streams, as_generator
@@ -510,6 +510,7 @@ def read_fields(dataset: Dataset, fields: Sequence[str], patch: Patch | None, nu
     return {name: make_picture(read_signature(dataset, number), patch) for name in fields}
 
 
+@explain_memory
 def open_dataset(directory: str | Path) -> Dataset:
     """Open a built dataset.
 
@@ -538,7 +539,7 @@ def open_dataset(directory: str | Path) -> Dataset:
         if (folder / name).resolve().parent != folder.resolve():
             raise DatasetError(f"{folder}: {name} is a link that leads out of the folder; put the file itself there")
     try:
-        description = parse_json((folder / "dataset.json").read_text())
+        description = parse_json(read_document(folder / "dataset.json"))
         version = int(description["schema_version"])
         DATASET.check_version(folder, version)
         check_description(description)
@@ -554,6 +555,7 @@ def read_index(path: Path, identity: str | None) -> pd.DataFrame:
     """Read the index of a dataset."""
     import pyarrow.parquet as pq
 
+    stat_regular(path)
     with pq.ParquetFile(path) as file:
         found = (file.schema_arrow.metadata or {}).get(b"dataset", b"").decode(errors="replace")
         if identity is not None and found != identity:

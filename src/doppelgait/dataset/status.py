@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from doppelgait.core.documents import parse_json
+from doppelgait.core.documents import parse_json, read_document
 from doppelgait.core.files import hash_file
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.finish import list_shard_names, read_description
@@ -66,7 +66,7 @@ def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status
     removed = []
     for path in () if running else sorted([*folder.rglob("*.partial"), *folder.glob(PATTERN)]):
         holder = read_lock(path) if path.suffix == ".lock" else None
-        if holder is None or not holder.alive:
+        if (holder is None or not holder.alive) and not path.is_dir():
             path.unlink(missing_ok=True)
             removed.append(str(path.relative_to(folder)))
     return Status(
@@ -85,7 +85,7 @@ def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status
 def _read_shard_status(folder: Path, name: str, identity: str | None, *, quick: bool) -> ShardStatus:
     path = folder / "shards" / f"{name}.h5"
     try:
-        record = parse_json(path.with_suffix(".json").read_text())
+        record = parse_json(read_document(path.with_suffix(".json")))
         whole = path.stat().st_size == record["bytes"] and identity in (None, record.get("dataset"))
         whole = whole and (quick or hash_file(path) == record["sha256"])
         counts = (len({row["scene_id"] for row in record["rows"]}), len(record["failures"]))

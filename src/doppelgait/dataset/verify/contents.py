@@ -15,7 +15,7 @@ import pandas as pd
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.finish import SCHEMA_VERSION, read_description
+from doppelgait.dataset.finish import SCHEMA_VERSION, list_shard_names, read_description
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.plan import Plan, PlannedExample, plan_dataset
 from doppelgait.dataset.resolve import ExampleSpec
@@ -200,6 +200,10 @@ def read_plan(description: Mapping[str, Any], folder: Path) -> tuple[Plan | None
     if description.get("origin") == "imported":
         return None, "imported recordings have no plan"
     try:
-        return plan_dataset(validate(PlanConfig, description["config"], where="dataset.json"), folder=folder), ""
+        config = validate(PlanConfig, description["config"], where="dataset.json")
+        planned = sum(map(config.count_class_examples, config.sections))
+        if planned > (most := len(list_shard_names(description["shards"])) * config.dataset.shard_size):
+            raise DatasetError(f"the plan has {planned:,} examples, the shards hold {most:,}")
+        return plan_dataset(config, folder=folder), ""
     except DoppelgaitError as error:
         return None, f"no plan: {error}; if the plan's files are elsewhere, state their folder with --motion-folder"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from doppelgait.core.documents import parse_json
+from doppelgait.core.documents import parse_json, read_document
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.files import hash_file
 from doppelgait.core.own_hdf5 import get_own_member, open_hdf5
@@ -86,7 +86,7 @@ def read_files(directory: Path, description: Mapping[str, Any], tick: Callable[[
             continue
         try:
             files.hashes[name] = hash_file(path)
-            record = parse_json(path.with_suffix(".json").read_text())
+            record = parse_json(read_document(path.with_suffix(".json")))
             fault = _find_fault(path, record, files.hashes[name], reader)
             if not fault:
                 files.failed |= {failure["id"]: failure["reason"] for failure in record["failures"]}
@@ -158,7 +158,7 @@ def check_files(files: Files) -> Finding:
         if files.complete:
             return Finding("failed", f"{SUMS} is missing, though the dataset says it is complete; build it again")
         return Finding("skipped", f"{SUMS} is missing")
-    content = (directory / SUMS).read_bytes()
+    content = read_document(directory / SUMS)
     listed = [line.partition("  ") for line in content.decode(errors="replace").splitlines()]
     stated = {name: sha256 for sha256, _, name in listed}
     known = {f"shards/{name}.h5": sha256 for name, sha256 in files.hashes.items()}
@@ -230,7 +230,7 @@ def check_split_lists(files: Files) -> Finding:
     wrong = [f"the index has a split {name!r}" for name in sorted(set(splits) - set(SPLITS))]
     for split in SPLITS:
         try:
-            listed = (files.directory / "splits" / f"{split}.txt").read_text().splitlines()
+            listed = read_document(files.directory / "splits" / f"{split}.txt").decode().splitlines()
         except (OSError, UnicodeDecodeError):
             wrong.append(f"splits/{split}.txt cannot be read")
             continue
