@@ -155,7 +155,7 @@ SCENE = {
 }
 
 
-@pytest.mark.parametrize("value", [5e-324, 1e-300, 1e300, -1e308, [1e300, 0.0, 0.0], [[5e-324, 0.0], [0.0, 0.0]]])
+@pytest.mark.parametrize("value", [1e300, -1e308, [1e300, 0.0, 0.0], [[1e40, 0.0], [0.0, 0.0]]])
 @pytest.mark.parametrize("key", ["receiver_position_m", "targets.0.motion.speed_mps", "targets.0.start_position_m"])
 def test_numbers_of_no_sensible_size_are_refused(key, value):
     with pytest.raises(ConfigError, match=re.escape(key)):
@@ -166,6 +166,12 @@ def _with(key: str, value: object) -> dict:
     first, *rest = key.split(".")
     target = dict(SCENE["targets"][0], **({rest[1]: {"kind": "human", "speed_mps": value}} if rest[2:] else {}))
     return {first: value} if not rest else {first: [target if rest[2:] else {**target, rest[1]: value}]}
+
+
+@pytest.mark.parametrize("kind", ["human", "boulic"])
+def test_a_speed_of_almost_nothing_is_refused(kind):
+    with pytest.raises(ConfigError, match="speed_mps: 5e-324 is not allowed"):
+        dg.Target({"kind": kind, "speed_mps": 5e-324})
 
 
 @pytest.mark.parametrize("kind", [[1], {}, None, True, 1.5, [], {"a": []}])

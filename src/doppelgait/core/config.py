@@ -42,13 +42,13 @@ else:
 
 
 MIN_SIZE, MAX_SIZE = 1e-30, 1e30
-"""Sizes of all parameters in SI units: products of some of them are numbers, too."""
+"""Sizes of parameters in SI units, the lower one of those above 0: their products are numbers, too."""
 
 
-def _is_sensible(value: Any) -> bool:
+def _is_sensible(value: Any, least: float) -> bool:
     if isinstance(value, list | tuple):
-        return all(map(_is_sensible, value))
-    return type(value) is not float or not math.isfinite(value) or MIN_SIZE <= abs(value or 1) <= MAX_SIZE
+        return all(_is_sensible(inner, least) for inner in value)
+    return type(value) is not float or not math.isfinite(value) or least <= abs(value or 1) <= MAX_SIZE
 
 
 class FrozenModel(BaseModel, metaclass=_Checked):
@@ -93,8 +93,9 @@ class FrozenModel(BaseModel, metaclass=_Checked):
     @field_validator("*", mode="before")
     @classmethod
     def _refuse_no_sensible_number(cls, value: Any, info: ValidationInfo) -> Any:
-        if not _is_sensible(value):
-            raise ValueError(f"must be 0 or from {MIN_SIZE:g} to {MAX_SIZE:g} in size")
+        least = MIN_SIZE if any(hasattr(rule, "gt") for rule in cls.model_fields[str(info.field_name)].metadata) else 0
+        if not _is_sensible(value, least):
+            raise ValueError(f"must be from {least:g} to {MAX_SIZE:g} in size")
         if isinstance(value, str | bool):
             annotation = cls.model_fields[str(info.field_name)].annotation
             if (set(get_args(annotation)) or {annotation}) <= {int, float, type(None)}:
