@@ -24,7 +24,7 @@ from doppelgait.classify.model import (
 )
 from doppelgait.classify.model_file import find_shipped_model, load_model_for_radar, load_shipped_model
 from doppelgait.core.config import format_canonical_json, validate
-from doppelgait.core.errors import AnalysisError, warn_caller
+from doppelgait.core.errors import AnalysisError, explain_memory, warn_caller
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.example import find_feature_columns
 from doppelgait.pipeline import Result, Tracking, analyze, read_results
@@ -145,6 +145,7 @@ class TargetInputs:
         return join_inputs(values, pictures) if isinstance(network, Network | TrackNetwork) else values
 
 
+@explain_memory
 def classify(
     source: str | Path | Recording | Sequence[Result],
     model: Model | None = None,

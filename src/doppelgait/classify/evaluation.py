@@ -53,7 +53,7 @@ from doppelgait.classify.options import Options, takes_options
 from doppelgait.classify.scores import DETECTED_SHARE, Answers
 from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS
 from doppelgait.core.config import convert_to_json
-from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.errors import ConfigError, DatasetError, explain_memory
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.open import Dataset, open_dataset
@@ -410,6 +410,7 @@ class Evaluation:
     models: dict[str, Model]
 
 
+@explain_memory
 @takes_options()
 def evaluate(
     dataset: Dataset | str | Path,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from functools import cache
@@ -33,11 +32,12 @@ from doppelgait.classify.learned import (
     Trees,
     list_arrays,
 )
-from doppelgait.classify.model import Calibration, Facts, Model, mark_outside
+from doppelgait.classify.model import TOLERANCE, Calibration, Facts, Model, mark_outside
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import FileKind, open_atomically
+from doppelgait.core.npz import load_npz
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.processing.patches import N_SLICES, Levels, Patch
 from doppelgait.radar import Radar
@@ -48,7 +48,6 @@ MODEL = FileKind("doppelgait-model", 4, "a model of doppelgait", DatasetError)
 exist. 3: ensembles exist. 4: networks of tracks exist; a model may have one next to it."""
 SUFFIX = ".npz"
 TRACK = "track."  # begins the names of the arrays of a model of tracks
-MAX_BYTES = 256_000_000  # maximum size of all arrays together; models of doppelgait are far smaller
 SPANS = ("lowest", "highest", "unknown")
 MOST_MEMBERS, MOST_LAYERS = 64, 5
 SHOWN = 300  # maximum number of characters of a reason in an error
@@ -204,12 +203,7 @@ def load_model(path: str | Path) -> Model:
     ('human', 'animal')
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size > MAX_BYTES:
-            raise ValueError(f"holds {size / 1e6:.0f} MB, a model has at most {MAX_BYTES / 1e6:.0f}")
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: np.asarray(archive[name]) for name in archive.files}
+        arrays: dict[str, Any] = load_npz(Path(path), None, lambda text: ValueError(text.removeprefix(f"{path}: ")))
         document = parse_json(arrays.pop("model").tobytes().decode())
         for name, values in arrays.items():
             if values.dtype.kind not in "fiu":
@@ -238,6 +232,10 @@ def _check_model(model: Model) -> None:
     _check_shapes(vars(model), dict.fromkeys(("lowest", "highest", "unknown"), "f"), sizes)
     if not (0 < calibration.slope < LARGEST and (np.abs(calibration.shift) < LARGEST).all()):
         raise ValueError("its calibration is no number above 0, or too large")
+    if len({*facts.classes}) < sizes["c"] or len({*facts.names}) < sizes["f"] or (model.lowest > model.highest).any():
+        raise ValueError("it has a class or a feature twice, or a lowest value above the highest")
+    if any(name not in TOLERANCE or not 0 <= span[0] <= span[1] for name, span in facts.conditions.items()):
+        raise ValueError("one of its conditions is unknown, or not from a number to a higher one")
     if facts.alarm is not None and facts.alarm not in facts.classes:
         raise ValueError(f"its alarm is for {facts.alarm!r}, which is not one of its classes")
     # A model must not use values that no analysis measures, such as a plan's nuisance parameters.

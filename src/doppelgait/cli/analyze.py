@@ -18,6 +18,7 @@ from doppelgait.cli.output import (
     print_json,
     print_message,
     print_table,
+    print_text,
 )
 from doppelgait.core.errors import ConfigError
 
@@ -167,10 +168,8 @@ def _analyze_windows(
             )
     if as_json:
         print_json({"recording": recording.source, "window_s": window_s, "hop_s": hop_s, "targets": documents})
-    elif rows:
-        print_table(rows)
     else:
-        print("no target found")
+        print_table(rows) if rows else print_text("no target found")
 
 
 def print_features(results: Sequence[Result]) -> None:
@@ -181,7 +180,7 @@ def print_features(results: Sequence[Result]) -> None:
 
     if not results:
         reason = getattr(results, "reason", "")
-        print(f"no target found: {reason}" if reason else "no target found")
+        print_text(f"no target found: {reason}" if reason else "no target found")
         return
     names = [f"{n}: {r.label or ('target' if r.is_body else r.verdict)}" for n, r in enumerate(results)]
     values = [{**r.shown_features, "gait_frequency_hz": r.gait_frequency_hz, "n_periods": r.n_periods} for r in results]
@@ -213,10 +212,10 @@ def print_features(results: Sequence[Result]) -> None:
     ]
     print_table(rows)
     if any(r.doubtful for r in results):
-        print("?: low confidence; the value may be a multiple or a fraction of the true value")
-    counted = TargetList(results)
+        print_text("?: low confidence; the value may be a multiple or a fraction of the true value")
+    bodies = TargetList(results)
     if any(result.n_bodies != 1 for result in results):
-        print(f"bodies: {counted.n_bodies} in {len(results)} targets, {counted.n_unknown} unknown; see their flags")
+        print_text(f"bodies: {bodies.n_bodies} in {len(results)} targets, {bodies.n_unknown} unknown; see their flags")
     for name, result in zip(names, results, strict=True):
         if result.flags:
-            print(f"{name} flags: {', '.join(result.flags)}")
+            print_text(f"{name} flags: {', '.join(result.flags)}")

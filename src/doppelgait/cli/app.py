@@ -27,7 +27,7 @@ from doppelgait.cli import (
     view,
 )
 from doppelgait.cli.output import print_message, show_warnings_plainly
-from doppelgait.core.errors import ConfigError, DoppelgaitError
+from doppelgait.core.errors import ConfigError, DoppelgaitError, explain_memory
 from doppelgait.core.interrupt import is_stop_requested
 from doppelgait.core.worker import collect_garbage_rarely
 
@@ -140,7 +140,7 @@ def main() -> None:
     try:
         collect_garbage_rarely()
         show_warnings_plainly()
-        app()
+        explain_memory(app)()
     except KeyboardInterrupt as stop:
         print_message(f"\n{stop}" if str(stop) else "\nstopped")
         sys.exit(130)
@@ -150,11 +150,6 @@ def main() -> None:
             sys.exit(130)
         if isinstance(error, BrokenPipeError):
             sys.stderr.close()
-            sys.exit(1)
-        if isinstance(error, MemoryError) and not _debug:
-            print_message(
-                f"error: this computer does not have enough memory: {str(error) or 'no memory is left'}"[:300]
-            )
             sys.exit(1)
         if _debug or not isinstance(error, DoppelgaitError):
             raise

@@ -20,6 +20,7 @@ from doppelgait.cli.output import (
     print_message,
     print_table,
     print_tables,
+    print_text,
     report_progress,
 )
 from doppelgait.core.errors import ConfigError, DatasetError
@@ -116,7 +117,7 @@ def classify(
             }
             for found in decisions
         ]
-        print_table(rows) if rows else print("no target found")
+        print_table(rows) if rows else print_text("no target found")
         if loaded is not None and decisions:
             explain_model(loaded, model)
 
@@ -162,7 +163,7 @@ def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as
         print_json({**head, "tracks": tracks, "timeline": [span._asdict() for span in spans], "windows": windows})
         return
     if not tracks:
-        print("no target found")
+        print_text("no target found")
         return
     times = {"start_s": "start (s)", "stop_s": "stop (s)"}
     for rows in (tracks, [{**span._asdict(), "decision": span.label} for span in spans]):
@@ -171,7 +172,7 @@ def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as
             [{times.get(name, name): _format_cell(name, row[name]) for name in shown if name in row} for row in rows]
         )
         if rows is tracks:
-            print("\ntimeline")
+            print_text("\ntimeline")
 
 
 def _format_cell(name: str, value: Any) -> Any:

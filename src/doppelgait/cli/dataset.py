@@ -18,6 +18,7 @@ from doppelgait.cli.output import (
     print_message,
     print_table,
     print_tables,
+    print_text,
     report_progress,
 )
 
@@ -105,21 +106,21 @@ def plan_command(
         return
     files = [summary.files] if summary.files else []
     print_tables([summary.counts, summary.subjects, *files, *feasibility.tables()])
-    print()
+    print_text()
     if reached := format_limit_keys(name for name, count in feasibility.affected.items() if count):
-        print("keys to change: " + reached.replace("; ", "\n                "))
+        print_text("keys to change: " + reached.replace("; ", "\n                "))
     if not feasibility.judges_gate:
-        print('gate cut off: counted by the build, since the gates are those of tracks (dataset.gate = "track")')
+        print_text('gate cut off: counted by the build, since the gates are those of tracks (dataset.gate = "track")')
     if feasibility.n_examples < summary.n_examples:
-        print(f"radar limits: computed from {feasibility.n_examples} of {summary.n_examples} examples")
-    print(
+        print_text(f"radar limits: computed from {feasibility.n_examples} of {summary.n_examples} examples")
+    print_text(
         f"{summary.name}: {summary.n_examples} examples in {summary.n_shards} shards, id {summary.dataset_id}; "
         f"{summary.n_checked} were sampled in full, their values are allowed and do not predict the class"
     )
     if summary.estimate:
         e = summary.estimate
         if e["pilot_failures"] < e["pilot_examples"]:
-            print(
+            print_text(
                 f"about {e['total_bytes'] / 1e9:.2g} GB and {format_duration(e['total_seconds'])} on {e['processors']} "
                 f"processors ({1e3 * e['seconds_per_example']:.0f} ms and {e['bytes_per_example'] / 1e3:.0f} kB each, "
                 f"measured on {e['pilot_examples']})"
@@ -182,7 +183,7 @@ def build(
         if not as_json:
             features = [{str(k): v for k, v in row.items()} for row in tabulate_features(index).to_dict("records")]
             print_tables([counts, features])
-            print()
+            print_text()
     if as_json:
         names = ("n_examples", "n_built", "n_reused", "n_rows", "n_failed", "failures", "missing", "bytes", "seconds")
         values = {name: getattr(report, name) for name in names}
@@ -190,10 +191,10 @@ def build(
     else:
         made = f"{report.n_built} built in {report.seconds:.1f} s, {report.n_reused} reused"
         if report.missing:
-            print(f"{target}: this part is done, {made}; {report.missing} shards of other parts are missing")
+            print_text(f"{target}: this part is done, {made}; {report.missing} shards of other parts are missing")
         else:
             size = f"{report.n_examples} examples, {report.bytes / 1e6:.1f} MB"
-            print(f"{target}: {size}, id {report.dataset_id}; {made}")
+            print_text(f"{target}: {size}, id {report.dataset_id}; {made}")
     if reached := {name: n for name in LIMITS if (n := sum(row[name] for row in limits))}:
         words = ", ".join(f"{name} {count}" for name, count in reached.items())
         print_message(f"warning: rows that reach a limit of the radar: {words} (of {report.n_rows}); see the card")
@@ -220,7 +221,7 @@ def card(directory: Directory) -> None:
     """
     from doppelgait.dataset.finish import make_card
 
-    print(make_card(directory))
+    print_text(make_card(directory))
 
 
 def status(
@@ -256,7 +257,7 @@ def status(
         )
     else:
         print_table([{"shards": state, "number": found.count(state)} for state in ("done", "missing", "damaged")])
-        print(
+        print_text(
             f"{directory}: {found.name}, id {found.dataset_id}: {found.n_examples} of {found.planned} examples, "
             f"{found.n_failed} failed; {'complete' if found.complete else 'not complete'}"
         )
@@ -308,7 +309,7 @@ def verify(
         skipped = sum(check.status == "skipped" for check in found.checks)
         rest = f", {skipped} checks were skipped" if skipped else ""
         verdict = found.verdict if found.passed else found.verdict.upper()
-        print(f"{directory}: {verdict}{rest}, {found.seconds:.1f} s")
+        print_text(f"{directory}: {verdict}{rest}, {found.seconds:.1f} s")
         if found.figures:
             print_message(f"{figures}: {', '.join(path.name for path in found.figures)}")
     if not found.passed:
@@ -353,7 +354,7 @@ def export(
     if as_json:
         print_json({**vars(report), "directory": str(report.directory)})
     else:
-        print(f"{output}: {report.n_rows} rows as {form}, {report.n_files} files, {report.bytes / 1e6:.1f} MB")
+        print_text(f"{output}: {report.n_rows} rows as {form}, {report.n_files} files, {report.bytes / 1e6:.1f} MB")
 
 
 def forms(as_json: AsJson = False) -> None:
@@ -429,7 +430,7 @@ def import_recordings(
         print_json({**vars(report), "directory": str(report.directory)})
     else:
         print_table([{"label": label, "rows": rows} for label, rows in report.counts.items()])
-        print(
+        print_text(
             f"{output}: {report.n_rows} rows of {report.n_recordings} recordings, {report.n_not_tracked} without a "
             f"target, id {report.dataset_id}" + ("; the dataset already existed" if report.was_there else "")
         )

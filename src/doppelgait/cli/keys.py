@@ -74,7 +74,6 @@ DEFAULTS = {"": "", "required": "required", "its defaults": "optional"}
 
 
 def _groups() -> dict[str, list[str]]:
-    """Return the names of all plug-ins with parameters, by group."""
     from doppelgait.core.plugins import list_plugin_groups
 
     found = {

@@ -109,7 +109,6 @@ def listen(
 
 
 def _list_gates(recording: Recording, gate: str, settings: Analysis, tracking: Tracking) -> list[LabelledGate]:
-    """Return label and gate of every target."""
     from doppelgait.pipeline import analyze
     from doppelgait.processing import Gate
 

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning, OutputError, RecordingError
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning, OutputError, RecordingError, escape_controls
 from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
 
 ASKS = re.compile(r"\bgive (?!a |one )|; set (?=[a-z]+_)|name it,|(?=\b[a-z_]+ must be given)")
@@ -34,9 +34,14 @@ def print_json(document: Any) -> None:
     print(json.dumps(document, indent=2, allow_nan=False))
 
 
+def print_text(text: str = "", end: str = "\n") -> None:
+    """Print text on standard output; control characters that it quotes from files are escaped."""
+    print(escape_controls(text), end=end)
+
+
 def print_message(text: str) -> None:
     """Print a status line on standard error."""
-    print(text, file=sys.stderr)
+    print(escape_controls(text), file=sys.stderr)
 
 
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
@@ -44,17 +49,18 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
     if not rows:
         return
     names = list(rows[0])
-    cells = [names, *[["" if row.get(n) is None else str(row.get(n)) for n in names] for row in rows]]
+    texts = [names, *[["" if row.get(n) is None else str(row.get(n)) for n in names] for row in rows]]
+    cells = [[escape_controls(text).replace("\n", "\\n") for text in line] for line in texts]
     widths = [max(len(line[i]) for line in cells) for i in range(len(names))]
     for line in cells:
-        print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
+        print_text("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
 
 
 def print_tables(tables: Sequence[Sequence[Mapping[str, Any]]]) -> None:
     """Print tables with an empty line between them."""
     for number, rows in enumerate(tables):
         if number:
-            print()
+            print_text()
         print_table(rows)
 
 

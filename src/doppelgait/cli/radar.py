@@ -22,6 +22,7 @@ from doppelgait.cli.output import (
     print_message,
     print_table,
     print_tables,
+    print_text,
 )
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 
@@ -246,10 +247,9 @@ def points(
     ]
     if as_json:
         print_json(convert_to_json(rows))
-    elif rows:
-        print_table([{key: format_number(value, 2) for key, value in row.items()} for row in rows])
-    else:
-        print("no track of five frames or more")
+        return
+    shown = [{key: format_number(value, 2) for key, value in row.items()} for row in rows]
+    print_table(shown) if rows else print_text("no track of five frames or more")
 
 
 @app.command("list")
@@ -323,7 +323,7 @@ def show(
     table = read_full_preset(preset)
     conditions = {key: table[key] for key in ("environment", "impairments") if key in table}
     if as_toml:
-        print(write_toml(as_table(radar) | conditions), end="")
+        print_text(write_toml(as_table(radar) | conditions), end="")
         return
     kinds = {str(entry.get("kind")) for entry in conditions.get("impairments", ()) if isinstance(entry, dict)}
     derived, effects = list_derived_quantities(radar), describe_effects(radar, kinds)
@@ -339,7 +339,7 @@ def show(
     )
     for key, entries in conditions.items():
         listed = [str(entry.get("kind", "?")) if isinstance(entry, dict) else str(entry) for entry in entries]
-        print(f"\n{key}, in this order: {', '.join(listed)}")
+        print_text(f"\n{key}, in this order: {', '.join(listed)}")
 
 
 def _format_parameter(key: str, value: Any) -> dict[str, str]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar, get_
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
-from doppelgait.core.documents import parse_json, parse_toml
+from doppelgait.core.documents import parse_json, parse_toml, read_document
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.keys import TABLES, expand_docstring
 
@@ -39,6 +39,16 @@ else:
                 return super().__call__(**data)
             except ValidationError as error:
                 raise _make_error(f"{cls.__name__}: ", _find_faults(error, cls, data)) from None
+
+
+MIN_SIZE, MAX_SIZE = 1e-30, 1e30
+"""Sizes of parameters in SI units, the lower one of those above 0: their products are numbers, too."""
+
+
+def _is_sensible(value: Any, least: float) -> bool:
+    if isinstance(value, list | tuple):
+        return all(_is_sensible(inner, least) for inner in value)
+    return type(value) is not float or not math.isfinite(value) or least <= abs(value or 1) <= MAX_SIZE
 
 
 class FrozenModel(BaseModel, metaclass=_Checked):
@@ -82,7 +92,10 @@ class FrozenModel(BaseModel, metaclass=_Checked):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _refuse_text_for_number(cls, value: Any, info: ValidationInfo) -> Any:
+    def _refuse_no_sensible_number(cls, value: Any, info: ValidationInfo) -> Any:
+        least = MIN_SIZE if any(hasattr(rule, "gt") for rule in cls.model_fields[str(info.field_name)].metadata) else 0
+        if not _is_sensible(value, least):
+            raise ValueError(f"must be from {least:g} to {MAX_SIZE:g} in size")
         if isinstance(value, str | bool):
             annotation = cls.model_fields[str(info.field_name)].annotation
             if (set(get_args(annotation)) or {annotation}) <= {int, float, type(None)}:
@@ -253,13 +266,12 @@ def format_line_note(text: str, location: Sequence[str | int]) -> str:
 def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
     """Read a TOML file; return its table and its text."""
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_document(path, error=ConfigError).decode()
+        return parse_toml(text), text
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: is not TOML: it is a binary file or not UTF-8 text") from None
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
-    try:
-        return parse_toml(text), text
     except ValueError as error:
         raise ConfigError(f"{path}: is not TOML: {error}") from None
 

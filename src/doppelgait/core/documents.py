@@ -7,11 +7,14 @@ any number of values: readers check their memory (:func:`check_cost`) before all
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
+import stat
 import tomllib
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +36,23 @@ _LONG_KEY = re.compile(rf"""(?<![\w"'.-])(?:[\w"'-]+\s*\.\s*){{{MAX_DEPTH}}}""")
 _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 
 
+def stat_regular(path: str | Path) -> os.stat_result:
+    """Return the facts of a regular file; a pipe or device, which may never end, is an ``OSError``."""
+    facts = os.stat(path)
+    if not stat.S_ISREG(facts.st_mode):
+        raise OSError(errno.EINVAL, "is no regular file", str(path))
+    return facts
+
+
+def read_document(
+    path: str | Path, max_bytes: int | None = None, error: Callable[[str], Exception] = ValueError
+) -> bytes:
+    """Read a regular file of limited size."""
+    if (size := stat_regular(path).st_size) > (max_bytes or limit_bytes(0)):
+        raise error(f"{path}: has {size:,} bytes, at most {max_bytes or limit_bytes(0):,} are read")
+    return Path(path).read_bytes()
+
+
 def parse_json(text: str | bytes) -> Any:
     """Parse JSON text of unknown origin."""
     text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
@@ -41,7 +61,7 @@ def parse_json(text: str | bytes) -> Any:
     if n_bytes > limit_bytes(len(text)):
         raise ValueError(describe_excess_memory(n_bytes, len(text), "it"))
     try:
-        value = json.loads(text, parse_int=_parse_integer)
+        value = json.loads(text, parse_int=_parse_integer, object_pairs_hook=_make_table)
     except RecursionError:
         raise ValueError(_TOO_DEEP) from None
     _check_depth(value)
@@ -80,8 +100,16 @@ def _parse_integer(digits: str) -> int:
     return int(digits)
 
 
+def _make_table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = sorted(name for name, _ in pairs)
+        twice = next(name for name, following in pairwise(names) if name == following)
+        raise ValueError(f"it has the key {twice[:80]!r} twice")
+    return table
+
+
 def _check_depth(value: Any, *, integers: bool = False) -> None:
-    """Refuse deep nesting and, optionally, long integers."""
     level = [value]
     for _ in range(MAX_DEPTH + 1):
         if integers and any(type(item) is int and abs(item) >= 10**MAX_DIGITS for item in level):
@@ -109,7 +137,7 @@ def check_cost(
     path: Path, n_bytes: int | float, error: Callable[[str], Exception] = ValueError, *, what: str = "its values"
 ) -> None:
     """Refuse a file with values that exceed the memory limit."""
-    if n_bytes > limit_bytes(stored := path.stat().st_size):
+    if n_bytes > limit_bytes(stored := stat_regular(path).st_size):
         raise error(f"{path}: {describe_excess_memory(n_bytes, stored, what)}")
 
 

@@ -3,15 +3,30 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import warnings
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 _PACKAGE = str(Path(__file__).parents[1]) + os.sep
 
 MAX_TEXT = 2000
 """Maximum number of characters of an error message. The middle of a longer message is left out."""
+
+
+CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u2069\ud800-\udfff]")
+"""Characters of files that steer a terminal or change the order of a text, and half characters."""
+
+
+def escape_controls(text: object) -> str:
+    """Return a text with control characters, but tabs and ends of lines, as Python writes them."""
+    return CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), str(text))
 
 
 class DoppelgaitError(Exception):
@@ -21,7 +36,7 @@ class DoppelgaitError(Exception):
     """Exit status of the command line: 2 for wrong usage or input, 1 for a failed operation."""
 
     def __init__(self, text: object = "") -> None:
-        said = str(text)  # it may quote a file with arbitrary content
+        said = escape_controls(text)  # it may quote a file with arbitrary content
         super().__init__(said if len(said) <= MAX_TEXT else f"{said[: MAX_TEXT - 500]} [...] {said[-400:]}")
 
 
@@ -49,9 +64,23 @@ class DatasetError(DoppelgaitError):
 
 
 class OutputError(DoppelgaitError):
-    """Result that cannot be written; an existing file stays unchanged."""
+    """Result that cannot be computed in memory or written; an existing file stays unchanged."""
 
     exit_code = 1
+
+
+def explain_memory(function: Callable[P, T]) -> Callable[P, T]:
+    """Turn a lack of memory into one sentence: a decorator of outermost functions."""
+
+    @wraps(function)
+    def run(*values: P.args, **options: P.kwargs) -> T:
+        try:
+            return function(*values, **options)
+        except MemoryError as error:
+            reason = str(error)[:200] or "no memory is left"
+            raise OutputError(f"this computer does not have enough memory: {reason}") from None
+
+    return run
 
 
 class DoppelgaitWarning(UserWarning):
@@ -63,4 +92,4 @@ def warn_caller(text: str) -> None:
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         frame, level = frame.f_back, level + 1
-    warnings.warn(text, DoppelgaitWarning, stacklevel=level)
+    warnings.warn(escape_controls(text), DoppelgaitWarning, stacklevel=level)

@@ -14,7 +14,7 @@ from operator import index
 from pathlib import Path
 from typing import Any
 
-from doppelgait.core.documents import parse_json
+from doppelgait.core.documents import parse_json, read_document, stat_regular
 from doppelgait.core.errors import ConfigError, DoppelgaitError, OutputError
 from doppelgait.core.own_hdf5 import FAULTS, open_hdf5
 
@@ -27,6 +27,8 @@ def open_atomically(path: str | os.PathLike[str], *, os_errors: bool = False) ->
     target = Path(path) if os_errors else check_target(path)
     partial = target.with_name(f"{target.name}.{platform.node()}-{os.getpid()}-{next(_NUMBERS)}.partial")
     try:
+        partial.unlink(missing_ok=True)  # of a process that had the same number, or a link
+        partial.touch(exist_ok=False)
         yield partial
         with partial.open("rb+") as handle:
             os.fsync(handle.fileno())
@@ -48,6 +50,8 @@ def check_target(path: str | os.PathLike[str]) -> Path:
         raise OutputError(f"path = {str(path)!r} names no file; give one, for example 'walk.h5'")
     if not target.parent.is_dir():
         raise OutputError(f"{target}: cannot be written: no such folder {target.parent}")
+    if target.exists() and not target.is_file():
+        raise OutputError(f"{target}: cannot be written: it is a folder or a device")
     return target
 
 
@@ -102,7 +106,7 @@ def create_hdf5(path: str | os.PathLike[str], kind: FileKind) -> Iterator[Any]:
 def open_own_hdf5(path: str | os.PathLike[str], kind: FileKind) -> Iterator[Any]:
     """Open an HDF5 file of a kind; faults inside the block are errors of the file."""
     try:
-        if not Path(path).is_file():
+        if not Path(path).exists():
             raise kind.error(f"{path}: no such file")
         with open_hdf5(Path(path)) as file:
             kind.check(path, file.attrs)
@@ -111,14 +115,33 @@ def open_own_hdf5(path: str | os.PathLike[str], kind: FileKind) -> Iterator[Any]
         if str(error).startswith(f"{path}: "):
             raise
         if isinstance(error, OSError) and error.errno:  # HDF5's own errors have no number
-            raise kind.error(f"{path}: cannot be read: {os.strerror(error.errno)}") from None
+            raise kind.error(f"{path}: cannot be read: {error.strerror}") from None
         raise kind.error(f"{path}: is damaged or not {kind.noun}: {error}{kind.tell_remedy(path)}") from None
 
 
 def hash_file(path: Path) -> str:
     """Compute the hexadecimal SHA-256 of a file."""
+    stat_regular(path)
     with path.open("rb") as handle:
         return hashlib.file_digest(handle, "sha256").hexdigest()
+
+
+MAX_ENTRIES = 250_000  # maximum number of files and folders in a folder of input
+
+
+def list_files(root: Path, pattern: str = "*") -> list[Path]:
+    """List the regular files below a folder; no whole disk, and no link to a folder."""
+    count, whole = 0, root.resolve() == Path(root.resolve().anchor)
+    for _, folders, files in os.walk(root):
+        count += len(folders) + len(files)
+        if whole or count > MAX_ENTRIES:
+            raise ConfigError(f"{root}: is a disk or has over {MAX_ENTRIES:,} files; name a folder of it")
+    try:
+        if ".." in pattern:
+            raise ValueError("it leads out of the folder")
+        return sorted(path for path in root.rglob(pattern) if path.is_file())
+    except (OSError, ValueError, NotImplementedError) as error:
+        raise ConfigError(f"{root}: the pattern {pattern!r} is not allowed: {error}") from None
 
 
 PAGE = "index.html"
@@ -128,11 +151,11 @@ def check_out(out: Path, *, listing: str, file_format: str, command: str) -> Non
     """Refuse a path that cannot become the output folder, before any work is done."""
     if not out.resolve().parent.is_dir():
         raise ConfigError(f"{out}: the folder {out.resolve().parent} does not exist; make it first")
-    if out.exists() and not out.is_dir():
-        raise ConfigError(f"{out}: is a file; give a folder that does not exist yet")
+    if out.is_symlink() or (out.exists() and not out.is_dir()):
+        raise ConfigError(f"{out}: is a file or a link; give a folder that does not exist yet")
     present = [path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir()] if out.exists() else []
     try:
-        document = parse_json((out / listing).read_text(encoding="utf-8"))
+        document = parse_json(read_document(out / listing))
         ours = {PAGE, listing, *document["files"]} if document["format"] == file_format else set()
     except (OSError, ValueError, KeyError, TypeError):
         ours = set()

@@ -10,22 +10,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+
+class LateModule:
+    """Module that is imported when a name of it is used: xarray and pandas take 0.27 s."""
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(__import__(self._module), name)
+
+
 if TYPE_CHECKING:
     import xarray
     from xarray.core.indexing import LazilyIndexedArray
 
     xr = xarray
 else:
-
-    class _Xarray:
-        """Import xarray, and pandas with it, when a name of it is used: 0.27 s."""
-
-        def __getattr__(self, name: str) -> Any:
-            import xarray
-
-            return getattr(xarray, name)
-
-    xr = _Xarray()
+    xr = LateModule("xarray")
 
 LONG_PULSES = 1 << 15  # approximate number of pulses of a tile; longer recordings are processed in tiles
 

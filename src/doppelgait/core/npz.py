@@ -14,7 +14,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.documents import check_cost
+from doppelgait.core.documents import check_cost, stat_regular
 from doppelgait.core.own_hdf5 import DAMAGE
 
 NPY_MAGIC = b"\x93NUMPY"
@@ -42,13 +42,16 @@ def load_npy(path: Path, error: Callable[[str], Exception]) -> Array:
 
 
 def load_npz(
-    path: Path, wanted: Collection[str], error: Callable[[str], Exception], *, lone: bool = True
+    path: Path, wanted: Collection[str] | None, error: Callable[[str], Exception], *, lone: bool = True
 ) -> dict[str, Array | None]:
-    """Load arrays of an npz file by name."""
+    """Load arrays of an npz file by name; all of them without names."""
+    stat_regular(path)
     try:
         with zipfile.ZipFile(path) as archive:
             members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
-            chosen = [name for name in members if name in wanted] or (
+            if len(members) < sum(name.endswith(".npy") for name in archive.namelist()):
+                raise ValueError("two arrays have the same name")
+            chosen = [name for name in members if wanted is None or name in wanted] or (
                 list(members) if lone and len(members) == 1 else []
             )
             found: dict[str, Array | None] = dict.fromkeys(members)

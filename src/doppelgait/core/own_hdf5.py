@@ -19,21 +19,13 @@ from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from doppelgait.core.documents import describe_excess_memory, limit_bytes
+from doppelgait.core.documents import describe_excess_memory, limit_bytes, stat_regular
+from doppelgait.core.lazy import LateModule
 
 if TYPE_CHECKING:
     import h5py as h5py
 else:
-
-    class _H5py:
-        """Import h5py when a name of it is used."""
-
-        def __getattr__(self, name: str) -> Any:
-            import h5py
-
-            return getattr(h5py, name)
-
-    h5py = _H5py()
+    h5py = LateModule("h5py")
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"  # first bytes of an HDF5 file
 USER_BLOCKS = (0, 512, 1024, 2048)  # allowed positions of the signature; MATLAB's is byte 512
@@ -67,7 +59,7 @@ FAULTS = (OSError, *DAMAGE)  # exceptions that h5py raises for damaged bytes
 def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = False, **options: Any) -> Any:
     """Open an HDF5 file of unknown origin for reading."""
     place = Path(path)
-    facts = place.stat()
+    facts = stat_regular(place)
     if fault := _find_file_fault(place, (facts.st_ino, facts.st_size, facts.st_mtime_ns)):
         raise ValueError(fault)
     file = h5py.File(place, "r", **options)
@@ -84,6 +76,7 @@ def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = Fals
 
 def is_hdf5(path: str | Path) -> bool:
     """Return True if a file has the signature of HDF5."""
+    stat_regular(path)
     with Path(path).open("rb") as file:
         return _find_signature(file.read(USER_BLOCKS[-1] + len(SIGNATURE))) is not None
 
@@ -120,7 +113,6 @@ def _check_limit(n_bytes: int, path: Path) -> None:
 
 
 def _check_members(file: Any, path: Path, soft_links: bool) -> None:
-    """Check links and sizes of all members without reading values."""
     found: list[tuple[str, int]] = []
     file.id.links.visit(lambda name, link: found.append((name.decode(errors="replace"), link.type)), info=True)
     stored_bytes = path.stat().st_size
@@ -152,7 +144,6 @@ def get_attribute(member: Any, name: str) -> Any:
 
 
 def _check_attributes(member: Any, name: str) -> None:
-    """Refuse attributes of unsupported types before they are read."""
     for number in range(h5py.h5a.get_num_attrs(member.id)):
         _check_attribute(h5py.h5a.open(member.id, index=number), name)
 

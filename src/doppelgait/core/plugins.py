@@ -19,6 +19,7 @@ from typing import Annotated, Any, Generic, TypeVar
 from pydantic import BeforeValidator, SerializeAsAny
 
 from doppelgait.core.config import FrozenModel, InnerError, validate
+from doppelgait.core.documents import stat_regular
 from doppelgait.core.errors import ConfigError, warn_caller
 
 T = TypeVar("T")
@@ -181,12 +182,12 @@ class Group(Generic[T]):
 
     def __getitem__(self, name: str) -> Plugin[T]:
         found = self._load_plugins()
-        if name not in found:
+        if name not in self:
             raise ConfigError(f"unknown {self.noun} {name!r}; known are: {', '.join(sorted(found))}")
         return found[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._load_plugins()
+        return isinstance(name, str) and name in self._load_plugins()
 
     def __iter__(self) -> Iterator[str]:
         return iter(sorted(self._load_plugins()))
@@ -285,7 +286,7 @@ def identify_plugins(tables: Any, files: Mapping[str, Sequence[Path]] | None = N
 
 def read_head(path: Path) -> bytes:
     """Read the first bytes of a file; none of a folder and of a name without a file."""
-    if not path.is_file():
+    if path.is_dir() or not path.exists() or not stat_regular(path).st_size:
         return b""
     with path.open("rb") as handle:
         return handle.read(HEAD_BYTES)

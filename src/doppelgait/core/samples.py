@@ -375,7 +375,6 @@ class Samples:
 
 
 def _change_samples(samples: Samples, ufunc: Any, other: Any) -> Samples:
-    """Add, subtract or multiply samples by a number, an array that fits, or samples."""
     changed = samples.add_pending_noise()._make_writable()
     if changed._matrix is not None:
         values = other.matrix if isinstance(other, Samples) else np.asarray(other)

@@ -20,7 +20,7 @@ from typing import Any, Literal
 import numpy as np
 
 from doppelgait import __version__
-from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.core.errors import ConfigError, DatasetError, OutputError, explain_memory
 from doppelgait.core.interrupt import stop_in_order
 from doppelgait.dataset.config import SPLITS, PlanConfig, Progress
 from doppelgait.dataset.executors import check_executor, run_shards
@@ -104,6 +104,7 @@ class Job:
     max_failed_share: float = 0.0
 
 
+@explain_memory
 def build_dataset(
     config: PlanConfig,
     directory: str | Path,
@@ -361,7 +362,7 @@ def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status
     removed = []
     for path in () if running else sorted([*folder.rglob("*.partial"), *folder.glob(PATTERN)]):
         holder = read_lock(path) if path.suffix == ".lock" else None
-        if holder is None or not holder.alive:
+        if (holder is None or not holder.alive) and not path.is_dir():
             path.unlink(missing_ok=True)
             removed.append(str(path.relative_to(folder)))
     shards = []

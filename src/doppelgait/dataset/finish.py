@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from doppelgait import __version__
 from doppelgait.core.config import format_canonical_json, validate
-from doppelgait.core.documents import parse_json
+from doppelgait.core.documents import parse_json, read_document
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import FileKind, hash_file, open_atomically, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
@@ -211,7 +211,7 @@ def make_card(directory: str | Path) -> str:
     description = read_description(folder)
     written = folder / "README.md"
     if description.get("complete") and written.is_file():
-        return written.read_text()
+        return read_document(written).decode()
     if description.get("origin") != "simulated":
         raise DatasetError(f"{folder}: has no card and was not simulated; import it again")
     config = validate(PlanConfig, description["config"], where=str(folder / "dataset.json"))
@@ -242,7 +242,7 @@ class Description(BaseModel, strict=True):
 def read_description(folder: Path) -> dict[str, Any]:
     """Read ``dataset.json`` of a folder."""
     try:
-        description = parse_json((folder / "dataset.json").read_text())
+        description = parse_json(read_document(folder / "dataset.json"))
         validate(Description, description, where="dataset.json")
     except NotADirectoryError:
         raise DatasetError(f"{folder}: is a file; name the folder of a dataset") from None
@@ -325,7 +325,7 @@ def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
 
 def read_record(path: Path) -> Record:
     """Read the record of a shard."""
-    record = parse_json(path.read_text())
+    record = parse_json(read_document(path))
     fault = "record"
     if isinstance(record, Mapping):
         record = {"contents_sha256": "", **record}  # datasets of version 0.1 have none
@@ -408,7 +408,10 @@ def _make_table(rows: Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -
     block, arrays = list(rows), {}
     for name, kind in columns.items():
         values = [row.get(name) for row in block]
-        if kind == NUMBER:
-            values = [None if value is None else float(value) for value in values]
-        arrays[INDEX_NAMES.get(name, name)] = pa.array(values, type=pa.type_for_alias(kind))
+        try:
+            if kind == NUMBER:
+                values = [None if value is None else float(value) for value in values]
+            arrays[INDEX_NAMES.get(name, name)] = pa.array(values, type=pa.type_for_alias(kind))
+        except (TypeError, ValueError, OverflowError) as error:
+            raise DatasetError(f"a record's {name} is damaged: {error}; build its shard again") from None
     return pa.table(arrays)

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from doppelgait.core.config import apply_overrides, read_toml
+from doppelgait.core.documents import read_document
 from doppelgait.core.errors import ConfigError, warn_caller
-from doppelgait.core.files import hash_file
+from doppelgait.core.files import hash_file, list_files
 from doppelgait.dataset.config import SPLITS, list_some, parse_gate
 from doppelgait.pipeline.pictures import SETTINGS_NAME, SUFFIXES, find_settings_file, is_picture
 from doppelgait.processing.gate import GateChoice
@@ -74,7 +75,7 @@ def _path_exists(path: Path) -> bool:
 def list_recording_files(path: Path) -> tuple[Path, ...]:
     """Return all files of a recording, by its format's names."""
     if path.is_dir():
-        return tuple(sorted(inner for inner in path.rglob("*") if inner.is_file()))
+        return tuple(list_files(path))
     for pair in PAIRS:
         for end in pair:
             if path.name.endswith(end):
@@ -108,9 +109,9 @@ def hash_recording(folder: Path, recording: str) -> str:
 def read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
     """Read lines of a CSV file and their numbers; the first line names the columns."""
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
+        content = read_document(path)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{path}: cannot be read: {getattr(error, 'strerror', '') or error}") from None
     wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
         text = content.decode("utf-16" if wide else "utf-8-sig")
@@ -349,7 +350,7 @@ def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") ->
         raise ConfigError(f"{source}: no such folder of recordings")
     form = NAME_FORMS.get(names) or NameForm(names)
     pattern, suffix = _compile(names, form.template), Path(form.template).suffix
-    files = (path for path in source.rglob("*") if path.is_file() and path.name.endswith(suffix))
+    files = (path for path in list_files(source) if path.name.endswith(suffix))
     paths = sorted(path.relative_to(source).as_posix() for path in files)
     entries: list[LabelEntry] = []
     unfit, unknown = [], []

@@ -11,15 +11,19 @@ import json
 import os
 import platform
 import shutil
+import stat
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
+from pydantic import Field
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.documents import parse_json, read_document
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 
 PATTERN = "build*.lock"
@@ -45,15 +49,14 @@ class Part(NamedTuple):
         return cls(int(number), int(among))
 
 
-@dataclass(frozen=True)
-class Holder:
+class Holder(FrozenModel):
     """Holder of a lock."""
 
     path: Path
-    pid: int
+    pid: int = Field(gt=0, lt=1 << 31)
     host: str
     since: str
-    part: Part | None
+    part: tuple[int, int] | None
     begun: str
 
     @property
@@ -66,7 +69,7 @@ class Holder:
         return _is_running(self.pid) and _read_process_start(self.pid) in ("", self.begun)
 
     def __str__(self) -> str:
-        of = "" if self.part is None else f" (part {self.part.number}/{self.part.among})"
+        of = "" if self.part is None else f" (part {self.part[0]}/{self.part[1]})"
         return f"process {self.pid} on {self.host}{of}, since {self.since}"
 
 
@@ -74,7 +77,8 @@ class Holder:
 def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
     """Lock the folder, or part of it, for the block."""
     name = "build.lock" if part is None else f"build-{part.number}-of-{part.among}.lock"
-    path = (directory / name).resolve()
+    path = directory.resolve() / name
+    _refuse_links(directory)
     since, pid = datetime.now(UTC).isoformat(timespec="seconds"), os.getpid()
     own = {"pid": pid, "host": platform.node(), "since": since, "part": part, "begun": _read_process_start(pid)}
     while True:
@@ -96,14 +100,23 @@ def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
     _held.add(path)
     try:
         for other in list_running_builds(directory):
-            mine = other.path.resolve() == path and other.pid == os.getpid()
-            side_by_side = part is not None and other.part is not None and part.among == other.part.among
+            mine = other.path == path and other.pid == os.getpid()
+            side_by_side = part is not None and other.part is not None and part.among == other.part[1]
             if not mine and not side_by_side:
                 raise _make_busy_error(directory, other)
         yield
     finally:
         _held.discard(path)
         path.unlink(missing_ok=True)
+
+
+def _refuse_links(directory: Path) -> None:
+    # a build writes and deletes in its folder only
+    for inner in directory.iterdir():
+        with suppress(FileNotFoundError):  # of a part that runs at the same time
+            mode, folder = inner.lstat().st_mode, not any(map(inner.match, ("*.partial", PATTERN)))
+            if not stat.S_ISREG(mode) and not (folder and stat.S_ISDIR(mode)):
+                raise DatasetError(f"{inner}: is a link or no file; delete it, or copy its target here")
 
 
 def list_running_builds(directory: Path) -> list[Holder]:
@@ -117,12 +130,10 @@ def read_lock(path: Path) -> Holder | None:
     end = time.monotonic() + WRITING_SECONDS
     while True:
         try:
-            table = json.loads(path.read_text())
-            part = None if table["part"] is None else Part(*table["part"])
-            return Holder(path, int(table["pid"]), table["host"], table["since"], part, table["begun"])
-        except FileNotFoundError:
+            return Holder.model_validate({**parse_json(read_document(path)), "path": path.parent.resolve() / path.name})
+        except OSError:  # gone, or no file
             return None
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, TypeError, ConfigError):
             if time.monotonic() > end:
                 return None
             time.sleep(0.05)

@@ -23,6 +23,7 @@ from doppelgait.core.errors import (
     MotionError,
     warn_caller,
 )
+from doppelgait.core.files import list_files
 from doppelgait.core.readers import list_options
 from doppelgait.dataset.config import PlanConfig, Progress, SourceSection, shorten
 from doppelgait.motion.gait import add_gait_facts, is_quadruped
@@ -265,7 +266,7 @@ def _list_segments(
             f"{key}.path: {spec.path!r} is not allowed: there is no such folder in "
             f"{folder.resolve()}; name the folder that contains it with --motion-folder"
         )
-    files = sorted(path for path in root.rglob(spec.pattern) if path.is_file())
+    files = list_files(root, spec.pattern)
     found: list[tuple[dict[str, Any], Motion]] = []
     refused: dict[str, str] = {}
     for number, file in enumerate(files, start=1):

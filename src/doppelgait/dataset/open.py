@@ -15,9 +15,9 @@ import pandas as pd
 import xarray as xr
 
 from doppelgait.core.config import convert_to_json, validate
-from doppelgait.core.documents import CELL_BYTES, check_cost
+from doppelgait.core.documents import CELL_BYTES, check_cost, stat_regular
 from doppelgait.core.draws import resolve
-from doppelgait.core.errors import DatasetError
+from doppelgait.core.errors import DatasetError, explain_memory
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.rng import RandomSource, Streams, as_generator
@@ -475,6 +475,7 @@ def read_fields(dataset: Dataset, fields: Sequence[str], patch: Patch | None, nu
     return {name: make_picture(read_signature(dataset, number), patch) for name in fields}
 
 
+@explain_memory
 def open_dataset(directory: str | Path) -> Dataset:
     """Open a built dataset.
 
@@ -518,6 +519,7 @@ def read_index(path: Path, identity: str | None) -> pd.DataFrame:
     """Read the index of a dataset."""
     import pyarrow.parquet as pq
 
+    stat_regular(path)
     with pq.ParquetFile(path) as file:
         found = (file.schema_arrow.metadata or {}).get(b"dataset", b"").decode(errors="replace")
         if identity is not None and found != identity:

@@ -166,7 +166,10 @@ def make_sampler(plan: PlanConfig, number: int, compiled: Compiled) -> Draw:
     def draw(value: Any, key: str) -> Any:
         if (place, key) not in compiled:
             compiled[place, key] = compile_draws(value, key)
-        return compiled[place, key](turn)
+        drawn = compiled[place, key](turn)
+        if key.rpartition(".")[2] in ("scene", "target", "noise", "analysis") and not isinstance(drawn, Mapping):
+            raise ConfigError(f"{key}: {shorten(drawn)} is not allowed; it must be a table")
+        return drawn
 
     return draw
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from doppelgait.core.config import check_type
-from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.errors import AnalysisError, ConfigError, explain_memory
 from doppelgait.core.frames import Frames
 from doppelgait.pipeline.rangeless import correct_receiver
 from doppelgait.pipeline.result import Result, TargetList
@@ -27,6 +27,7 @@ from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import Recording
 
 
+@explain_memory
 def analyze(
     recording: Recording | str | Path,
     *,

@@ -85,7 +85,6 @@ def correct_receiver(frames: Frames, detector: Detector, *, wavelength_m: float)
 
 
 def _project(frames: Frames, weight: complex) -> Frames:
-    """Return the real part of weighted samples."""
     return frames.map_tiles(lambda values, first: (values * np.complex64(weight)).real.astype(np.complex64))
 
 

@@ -161,7 +161,6 @@ def _write_values(
 
 
 def _read_values(stored: Any) -> dict[str, Any]:
-    """Return values and facts as :func:`describe_array` does."""
     facts = {key: str(text) for key, text in stored.attrs.items()}
     return {
         "values": stored[()],

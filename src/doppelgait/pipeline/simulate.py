@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from doppelgait.core import lazy
 from doppelgait.core.config import check_type, validate
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, explain_memory
 from doppelgait.core.files import check_target
 from doppelgait.core.labels import ScattererTable
 from doppelgait.core.rng import Streams, draw_key
@@ -55,6 +55,7 @@ PROBE_RATE_HZ = 500.0
 """Rate at which the speeds of a scene are sampled to find the lowest frame rate."""
 
 
+@explain_memory
 def simulate(
     scene: Scene | PlacedScene,
     radar: Radar | str | Path,

@@ -43,13 +43,6 @@ def choose_number(path: Path, name: str, value: int | None, count: int, further:
     return value
 
 
-def read_limited(path: Path, max_bytes: int) -> bytes:
-    """Read a whole file of limited size."""
-    if (size := path.stat().st_size) > max_bytes:
-        raise RecordingError(f"{path}: has {size:,} bytes, at most {max_bytes:,} are read")
-    return path.read_bytes()
-
-
 def split_rows(path: Path, values: npt.NDArray[Any], size: int, noun: str, *, least: int = 2) -> npt.NDArray[Any]:
     """Return samples as rows of a size; a last row that is not whole is left out with a warning."""
     count, rest = divmod(len(values), size)

@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.config import read_toml
-from doppelgait.core.documents import parse_json
+from doppelgait.core.documents import parse_json, read_document
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.units import FloatArray
-from doppelgait.radar.measured import check_number, read_limited
+from doppelgait.radar.measured import check_number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,6 +29,7 @@ __all__ = ["PointTrack", "collect_tracks", "interpolate_ranges", "read_points", 
 MAX_BYTES = 1 << 29
 COLUMNS = read_toml(Path(__file__).parent / "readers" / "names.toml")[0]["points"]
 NEEDED = ("x_m", "y_m", "doppler_mps", "track")
+MAX_TIME_S, MAX_SIZE = 1e13, 1e5  # the times of a clock in ms; coordinates in m and speeds in m/s
 NO_TRACK = 250
 """Minimum number without a track: 253 weak, 254 outside the room, 255 noise (TI's "3D people tracking" guide)."""
 LEAST_FRAMES = 5
@@ -61,7 +62,7 @@ def read_points(
     if frame_period_s is not None:
         check_number(file, "frame_period_s", frame_period_s, above=0)
     read = _read_json if file.suffix.lower() == ".json" else _read_csv
-    table = pd.DataFrame(read(file, read_limited(file, MAX_BYTES)), dtype=np.float64)
+    table = pd.DataFrame(read(file, read_document(file, MAX_BYTES, RecordingError)), dtype=np.float64)
     if table.empty:
         raise RecordingError(f"{file}: holds no points")
     if "time_s" not in table:
@@ -70,9 +71,10 @@ def read_points(
                 f"{file}: has no times; set frame_period_s if it has a column frame, or add a column time"
             )
         table["time_s"] = table["frame"] * frame_period_s
-    for name in (*NEEDED, "time_s"):
-        if len(bad := np.flatnonzero(~np.isfinite(table[name].to_numpy()))):
-            raise RecordingError(f"{file}: point {bad[0] + 1} has no {name}")
+    for name in table.columns.intersection([*NEEDED, "z_m", "time_s"]):
+        most = MAX_TIME_S if name == "time_s" else MAX_SIZE
+        if len(bad := np.flatnonzero(~(table[name].abs() <= most))):
+            raise RecordingError(f"{file}: point {bad[0] + 1} has no {name} up to {most:g}")
     if (back := np.flatnonzero(np.diff(table["time_s"]) < 0)).size:
         raise RecordingError(f"{file}: point {back[0] + 2} is earlier than the previous one; sort the points by time")
     if "z_m" not in table:

@@ -176,9 +176,8 @@ def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> floa
 
 def snr_frame_db(signal_v2: float, noise_v2: float) -> float:
     """Return SNR_frame in dB. It is inf without noise, and -inf without an echo in the frame."""
-    if not noise_v2 > 0:
-        return math.inf
-    return 10.0 * math.log10(signal_v2 / noise_v2) if signal_v2 > 0 else -math.inf
+    ratio = signal_v2 / noise_v2 if noise_v2 > 0 else math.inf
+    return 10.0 * math.log10(ratio) if ratio > 0 else -math.inf
 
 
 def lowest_prf_hz(scatterers: AnyTable, radar: Radar, cpi_s: float) -> float:

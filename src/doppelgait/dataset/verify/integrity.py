@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from doppelgait.core.documents import read_document
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.files import hash_file
 from doppelgait.core.own_hdf5 import get_own_member, open_hdf5
@@ -132,7 +133,7 @@ def check_files(contents: Contents) -> Check:
         if contents.complete:
             return Check("failed", f"{SUMS} is missing, though the dataset says it is complete; build it again")
         return Check("skipped", f"{SUMS} is missing")
-    content = (directory / SUMS).read_bytes()
+    content = read_document(directory / SUMS)
     listed = [line.partition("  ") for line in content.decode(errors="replace").splitlines()]
     stated = {name: sha256 for sha256, _, name in listed}
     known = {f"shards/{name}.h5": sha256 for name, sha256 in contents.files.hashes.items()}
@@ -148,7 +149,7 @@ def check_files(contents: Contents) -> Check:
                 wrong.append(f"{SUMS} has no {name}")
             elif stated[name] != known[name]:
                 wrong.append(f"{name} is not the file that the dataset was finished with")
-    log_sum = (directory / LOG_SUM).read_text(errors="replace") if (directory / LOG_SUM).exists() else ""
+    log_sum = read_document(directory / LOG_SUM).decode(errors="replace") if (directory / LOG_SUM).exists() else ""
     if LOG not in stated and log_sum != format_log_sum(directory):
         wrong.append(f"{LOG} is not the log of which {LOG_SUM} has the hash")
     if not wrong and content != format_checksums(known).encode():
@@ -210,7 +211,7 @@ def check_split_lists(contents: Contents) -> Check:
     wrong = []
     for split, ids in splits.items():
         try:
-            listed = (contents.directory / "splits" / f"{split}.txt").read_text().splitlines()
+            listed = read_document(contents.directory / "splits" / f"{split}.txt").decode().splitlines()
         except (OSError, UnicodeDecodeError):
             wrong.append(f"splits/{split}.txt cannot be read")
             continue

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from doppelgait.core.config import read_toml
-from doppelgait.core.errors import MotionError
+from doppelgait.core.errors import MotionError, explain_memory
 from doppelgait.core.plugins import Group
 from doppelgait.core.readers import Limits, OtherFile, check_options, check_reader, choose_reader, read_other_files
 from doppelgait.motion.motion import Motion
@@ -35,6 +35,7 @@ def list_other_files() -> tuple[OtherFile, ...]:
     return read_other_files(read_toml(Path(__file__).with_name("others.toml"))[0])
 
 
+@explain_memory
 def read(
     path: str | os.PathLike[str],
     *,

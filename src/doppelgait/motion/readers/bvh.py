@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from doppelgait.core.documents import check_cost, parse_json
+from doppelgait.core.documents import check_cost, parse_json, read_document
 from doppelgait.core.errors import MotionError
 from doppelgait.core.units import FloatArray
 from doppelgait.motion.readers.points import check_rate, connect_kept
 from doppelgait.motion.readers.text import (
+    MAX_BYTES,
     Points,
     Times,
-    check_size,
     find_frame_rate,
     is_finite,
     parse_rows,
@@ -243,8 +243,7 @@ def parse_glb(path: Path, *, key: str | None = None, rate_hz: float | None = Non
 
 
 def _split_glb(path: Path) -> tuple[dict[str, Any], bytes]:
-    check_size(path)
-    content = path.read_bytes()
+    content = read_document(path, MAX_BYTES, MotionError)
     at, chunks = 12, {}
     while at + 8 <= len(content):
         length, kind = struct.unpack_from("<I4s", content, at)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from doppelgait.core.documents import CELL_BYTES, check_cost
+from doppelgait.core.documents import CELL_BYTES, check_cost, read_document, stat_regular
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import FloatArray
@@ -104,15 +104,14 @@ def decode(raw: bytes) -> str:
 
 def check_size(path: Path) -> None:
     """Refuse a file that is too large to be read whole."""
-    size = path.stat().st_size
+    size = stat_regular(path).st_size
     if size > MAX_BYTES:
         raise MotionError(f"{path}: has {size} bytes; files of up to {MAX_BYTES} bytes are read")
 
 
 def read_lines(path: Path) -> list[str]:
     """Read the lines of a text file."""
-    check_size(path)
-    raw = path.read_bytes()
+    raw = read_document(path, MAX_BYTES, MotionError)
     check_cost(path, CELL_BYTES * (raw.count(b"\n") + raw.count(b"\r")), MotionError)
     return decode(raw).replace("\r\n", "\n").replace("\r", "\n").split("\n")
 

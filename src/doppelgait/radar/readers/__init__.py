@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from doppelgait.core.config import read_toml
-from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.core.errors import DoppelgaitWarning, RecordingError, explain_memory
+from doppelgait.core.files import list_files
 from doppelgait.core.own_hdf5 import FAULTS, open_hdf5
 from doppelgait.core.plugins import Group, Plugin
 from doppelgait.core.readers import OtherFile, check_reader, choose_reader, find_readers, list_options, read_other_files
@@ -86,6 +87,7 @@ def list_other_files() -> tuple[OtherFile, ...]:
     return read_other_files(read_toml(Path(__file__).with_name("names.toml"))[0]["others"], hdf5=_describe_hdf5)
 
 
+@explain_memory
 def read_recording(path: str | os.PathLike[str], *, format: str | None = None, **options: Any) -> Recording:
     """Read a radar recording, simulated or measured.
 
@@ -168,6 +170,8 @@ def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
     seen: set[Path] = set()
 
     def walk(path: Path, named: bool) -> Iterator[tuple[Path, bool]]:
+        if not named and path.is_dir() and path.is_symlink():
+            return  # it may lead back
         if is_folder_of_recordings(path):
             for entry in sorted(path.iterdir()):
                 yield from walk(entry, False)
@@ -184,6 +188,8 @@ def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
             yield whole, named
 
     for path in paths:
+        if path.is_dir():
+            list_files(path)  # no whole disk
         yield from walk(path, True)
 
 

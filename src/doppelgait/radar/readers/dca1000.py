@@ -19,10 +19,10 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, read_toml, validate
-from doppelgait.core.documents import parse_json
+from doppelgait.core.documents import parse_json, read_document
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
-from doppelgait.radar.measured import choose_number, label_sweeps, read_limited
+from doppelgait.radar.measured import choose_number, label_sweeps
 from doppelgait.radar.recording import Recording
 
 MAX_CONFIG_BYTES = 1 << 20
@@ -116,7 +116,7 @@ def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
     """Read the settings of a file of samples."""
     if not path.is_file():
         raise RecordingError(f"{path}: no such file of radar settings")
-    text = read_limited(path, MAX_CONFIG_BYTES).decode("utf-8", "replace")
+    text = read_document(path, MAX_CONFIG_BYTES, RecordingError).decode("utf-8", "replace")
     suffix = path.suffix.lower()
     try:
         table: Any = read_toml(path)[0] if suffix == ".toml" else {}

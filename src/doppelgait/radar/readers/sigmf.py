@@ -20,12 +20,12 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait import __version__
-from doppelgait.core.documents import check_cost, parse_json
+from doppelgait.core.documents import check_cost, parse_json, read_document
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.files import open_atomically
 from doppelgait.core.plugins import plugin, read_head
 from doppelgait.core.units import FloatArray
-from doppelgait.radar.measured import choose_number, read_limited, split_rows
+from doppelgait.radar.measured import choose_number, split_rows
 from doppelgait.radar.readers.arrays import Parsed, array_reader, list_facts
 from doppelgait.radar.readers.samples import PulseSamples, decode_samples, parse_datatype
 from doppelgait.radar.recording import Recording, list_further_facts
@@ -87,7 +87,7 @@ def read_metadata(path: Path) -> Metadata:
         text, name, packed = read_archive(path)
         meta_path, data_path = path, path / name
     elif meta_path.is_file():
-        text = read_limited(meta_path, MAX_META_BYTES)
+        text = read_document(meta_path, MAX_META_BYTES, RecordingError)
     else:
         raise RecordingError(f"{meta_path}: no such file; a SigMF recording is a pair NAME{META} and NAME{DATA}")
     try:

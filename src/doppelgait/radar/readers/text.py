@@ -20,7 +20,7 @@ from typing import Annotated
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.documents import CELL_BYTES, check_cost
+from doppelgait.core.documents import CELL_BYTES, check_cost, read_document
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.plugins import plugin, read_head
 from doppelgait.core.readers import Limits
@@ -32,7 +32,6 @@ from doppelgait.radar.measured import (
     label_sweeps,
     make_cw_radar,
     place_frames,
-    read_limited,
     split_rows,
 )
 from doppelgait.radar.recording import Recording
@@ -132,7 +131,7 @@ def _find_pair(path: Path) -> tuple[Path, Path]:
 def _read_codes(path: Path) -> npt.NDArray[np.int64]:
     if not path.is_file():
         raise RecordingError(f"{path}: no such file; both NAME_RE.txt and NAME_IM.txt are needed")
-    content = read_limited(path, MAX_CODES_BYTES)
+    content = read_document(path, MAX_CODES_BYTES, RecordingError)
     if not content.split():
         raise RecordingError(f"{path}: holds no values")
     if fault := OTHER_WORD.search(content):
@@ -171,7 +170,7 @@ def read_glasgow(path: Path, *, conjugate: bool = True, range_stop_m: float | No
     """Read an Ancortek text file, such as ``1P36A01R01.dat``.
     Every sweep is transformed to a row of range bins with a Hann window.
     """
-    content = read_limited(path, MAX_SWEEPS_BYTES)
+    content = read_document(path, MAX_SWEEPS_BYTES, RecordingError)
     check_cost(path, CELL_BYTES * sum(map(content.count, (b"\n", b" ", b"\t", b"\r"))), RecordingError)
     text = content.decode("ascii", "replace").replace("i", "j")
     words = text.split()
