@@ -15,7 +15,7 @@ from beat import write_glasgow
 from damage import outcomes
 from doppelgait.core.errors import RecordingError
 from doppelgait.radar import RADAR_READERS, RADAR_WRITERS, Radar, Recording, read_recording, write_recording
-from doppelgait.radar.measured import label_measured, make_cw_radar
+from doppelgait.radar.measured import label_measured
 from doppelgait.radar.simulate import label_baseband
 from doppelgait.testing import check_radar_reader, check_radar_writer
 
@@ -113,7 +113,7 @@ def test_every_radar_writer_keeps_its_contract(name):
 def _read_walk(path, *, prf_hz=100.0):
     content = path.read_bytes()
     values = np.frombuffer(content[4:], np.complex64)
-    radar = make_cw_radar(path, name="walk", carrier_hz=24e9, prf_hz=prf_hz)
+    radar = Radar(waveform="cw", name="walk", carrier_hz=24e9, prf_hz=prf_hz, range_stop_m=10.0)
     times_s = np.arange(values.size) / prf_hz
     return label_measured(path, values[:, None], radar=radar, slow_time_s=times_s, range_m=radar.range_axis_m())
 

@@ -242,9 +242,7 @@ def points(
     from doppelgait.radar.point_clouds import collect_tracks, read_points, tabulate_tracks
 
     found = collect_tracks(read_points(log, frame_period_s=frame_period_s, approaching_positive=approaching_positive))
-    rows: list[dict[str, Any]] = [
-        {str(k): v for k, v in row.items()} for row in tabulate_tracks(found).to_dict("records")
-    ]
+    rows: list[Any] = tabulate_tracks(found).to_dict("records")
     if as_json:
         print_json(convert_to_json(rows))
         return

@@ -89,9 +89,8 @@ def encode_record(kind: int, payload: bytes) -> bytes:
 def encode_header(header: Header) -> bytes:
     """Return the record that opens a stream."""
     facts = {**header.facts, "range_bins": header.range_m.size}
-    return encode_record(
-        HEADER, format_canonical_json({**facts, "radar": header.radar.model_dump(mode="json")}).encode()
-    )
+    facts_and_radar = {**facts, "radar": header.radar.model_dump(mode="json")}
+    return encode_record(HEADER, format_canonical_json(facts_and_radar).encode())
 
 
 def encode_frame(counter: int, clock_s: float, row: npt.NDArray[Any]) -> bytes:
@@ -289,10 +288,8 @@ def find_rate_hz(radar: Radar, stamps: Iterable[tuple[int, float]]) -> tuple[flo
         shown = " and ".join(f"{one:.4g}" for one in rates_hz[1:])
         return stated_hz, f"the sender's times are uneven ({shown} Hz in both halves): prf_hz = {stated_hz:g} is used"
     if not 1.0 / CREDIBLE < off < CREDIBLE:
-        return (
-            stated_hz,
-            f"the sender's times say {rates_hz[0]:.4g} Hz and are not in s: prf_hz = {stated_hz:g} is used",
-        )
+        shown = f"the sender's times say {rates_hz[0]:.4g} Hz and are not in s"
+        return stated_hz, f"{shown}: prf_hz = {stated_hz:g} is used"
     return rates_hz[0], ""
 
 

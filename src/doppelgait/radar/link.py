@@ -109,15 +109,7 @@ def sample_noise_v2(radar: Radar) -> float:
 
 
 def noise_power_v2(radar: Radar) -> float:
-    """Return the mean square noise of one range bin, V^2, after compression (E-18).
-
-    Examples
-    --------
-    >>> import math
-    >>> import doppelgait as dg
-    >>> round(10.0 * math.log10(dg.radar.noise_power_v2(dg.Radar.preset("x4"))), 1)  # dB re 1 V^2
-    -103.5
-    """
+    """Return the mean square noise of one range bin, V^2, after compression (E-18)."""
     return sample_noise_v2(radar) * radar.waveform.noise_gain(radar)
 
 
@@ -159,12 +151,14 @@ def compute_scatterer_arrays(scatterers: AnyTable, radar: Radar) -> tuple[Any, A
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
-    >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
-    >>> range_m, amplitude_v = dg.radar.compute_scatterer_arrays(table, dg.Radar.preset("x4"))
+    >>> table, radar = dg.scene.assemble(scene, [0.0, 0.1, 0.2]), dg.Radar.preset("x4")
+    >>> range_m, amplitude_v = dg.radar.compute_scatterer_arrays(table, radar)
     >>> range_m.mean(axis=1).round(2)  # mean range at the three times
     array([6.8 , 6.73, 6.63])
     >>> round(float(dg.radar.radial_velocity_mps(table).mean()), 1)  # approaching, m/s
     0.9
+    >>> dg.radar.lowest_prf_hz(table, radar, cpi_s=0.1)
+    294.0
     >>> delayed = table.assign(path_phase=-0.1 * table["range"] / table["range"])
     >>> dg.radar.path_phase_rad(delayed)[0, :3]
     array([-0.1, -0.1, -0.1])
@@ -252,9 +246,10 @@ def list_derived_quantities(radar: Radar) -> dict[str, float]:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> quantities = dg.radar.list_derived_quantities(dg.Radar.preset("x4"))
-    >>> round(quantities["wavelength_m"], 4)
-    0.0411
+    >>> radar = dg.Radar.preset("x4")
+    >>> wavelength_m = dg.radar.list_derived_quantities(radar)["wavelength_m"]
+    >>> f"{wavelength_m:.4f} m, {dg.radar.noise_power_v2(radar):.2g} V^2"
+    '0.0411 m, 4.4e-11 V^2'
     """
     noise_v2 = noise_power_v2(radar)
     power_w = received_power_w(radar, range_m=RANGE_M, rcs_m2=1.0)

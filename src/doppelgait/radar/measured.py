@@ -222,19 +222,9 @@ def check_finite(path: Path, values: npt.NDArray[Any]) -> None:
         )
 
 
-CW_FRAME_M = (0.0, 10.0)
-"""Nominal range interval, m, of a continuous-wave recording's single bin."""
-
-
 def make_radar(path: Path, **facts: Any) -> Radar:
     """Make a radar from facts of a file; a :class:`RecordingError` names the file."""
     try:
         return validate(Radar, facts, where="radar")
     except ConfigError as error:
         raise RecordingError(f"{path}: {error}") from None
-
-
-def make_cw_radar(path: Path, **facts: Any) -> Radar:
-    """Make a continuous-wave radar with one range bin, which represents the whole frame."""
-    start_m, stop_m = CW_FRAME_M
-    return make_radar(path, waveform="cw", range_start_m=start_m, range_stop_m=stop_m, **facts)

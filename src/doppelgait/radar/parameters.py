@@ -415,10 +415,7 @@ class Radar(FrozenModel):
         return self.frame_time_s(np.arange(max(bursts, 0) * self.burst_pulses))
 
     def frame_time_s(self, number: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Return frame times by frame number from 0.
-
-        It is t_i = i / f_p; for bursts of M frames with the period T_b, t_i = floor(i / M) T_b + (i mod M) / f_p.
-        """
+        """Return frame times by number i: i / f_p, or floor(i / M) T_b + (i mod M) / f_p."""
         if self.burst_pulses is None or self.burst_period_s is None:
             return np.asarray(number) / self.prf_hz
         burst, frame = np.divmod(number, self.burst_pulses)

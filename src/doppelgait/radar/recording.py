@@ -161,16 +161,7 @@ class Recording:
 
     @classmethod
     def from_baseband(cls, baseband: xr.DataArray, radar: Radar, **facts: Any) -> Recording:
-        """Make a recording from a labelled complex array.
-
-        Parameters
-        ----------
-        baseband : DataArray (slow_time, range)
-            Complex array, V; its attributes except the units are kept as ``facts``.
-        radar : Radar
-        **facts
-            Further parameters of :class:`Recording`.
-        """
+        """Make a recording from an array (slow_time, range), V; its attributes become facts."""
         frames = Frames.of(baseband)
         further = {name: value for name, value in frames.facts.items() if name != "radar"}
         return cls(frames.samples, radar, frames.slow_time.time_s, frames.range_m, facts=further, **facts)
@@ -294,10 +285,7 @@ class Recording:
 
     @cached_property
     def baseband(self) -> xr.DataArray:
-        """Samples (slow_time, range), V, labelled and read-only, made on first access.
-
-        Values of a long recording in a file are read at every access: select a part of the pulses.
-        """
+        """Labelled samples (slow_time, range), V; of a long file they are read at every access."""
         return self.frames.label({**make_baseband_facts(self.radar), **self.facts})
 
     @cached_property

@@ -29,7 +29,7 @@ ROUGH = 0.5
 USUAL_STEPS, USUAL_SHARE = 101, 30
 """Steps about a pulse whose median, or lower third (in %) with every second pulse lost, is the usual step."""
 MAX_DISORDER = 64
-"""Largest number of pulses by which one comes too late; more are those of a clock that was set back."""
+"""Largest number of pulses by which one comes too late; more show a clock that was set back."""
 MAX_HOLE_S, MAX_HOLE_PULSES = 0.1, 3
 """Longest hole that is filled: part of a scan, or a few pulses of a slow radar."""
 RATE_CHANGE, MIN_RATE_S, MIN_PIECE_PULSES = 0.02, 1.0, 16
@@ -199,7 +199,7 @@ def _fit_lines(pulse: IntArray, stamps: FloatArray, cuts: IntArray) -> tuple[Int
 
 
 def measure_clock_rate_hz(clock_s: npt.NDArray[Any], numbers: IntArray) -> float | None:
-    """Measure the rate of numbered pulses by a clock, coarse or late at times; None without a rising clock."""
+    """Measure the rate of numbered pulses by a coarse clock; None without a rising one."""
     n = min(clock_s.size, numbers.size)
     times, at = clock_s[:n].astype(float), numbers[:n].astype(float)
     lag = n // 2
@@ -239,7 +239,7 @@ def _pair(cuts: IntArray, size: int) -> Iterator[tuple[int, int]]:
 
 
 def _has_rate(stamps: FloatArray, stated_hz: float | None) -> bool:
-    """Return True if all pulses have the stated rate on average: bursts and holes are packets then."""
+    """Return True if pulses have the stated rate on average: bursts are packets then."""
     return stated_hz is not None and abs(measure_rate_hz(stamps) / stated_hz - 1.0) < RATE_CHANGE
 
 
@@ -278,12 +278,8 @@ def _order(stamps: FloatArray) -> tuple[IntArray, FloatArray, list[str]]:
     small = [int((np.abs(some) < usual_s / 2).sum()) for some in (np.diff(stamps[order]), steps)]
     near = int(np.abs(order - row).max()) <= MAX_DISORDER
     if near and _is_precise(np.diff(stamps[order])) and small[0] <= small[1]:
-        moved = int((order != row).sum())
-        return (
-            order,
-            stamps[order],
-            [f"{moved} of {row.size} pulses came out of order; they are sorted by their stamps"],
-        )
+        moved = f"{int((order != row).sum())} of {row.size} pulses came out of order"
+        return order, stamps[order], [f"{moved}; they are sorted by their stamps"]
     jumps = back[steps[back] < -3.0 * float(np.quantile(np.abs(steps), 0.99))]
     steps[jumps] = float(np.median(steps))
     said = f"the clock was set back {jumps.size} times; time continues there" if jumps.size else ""

@@ -54,14 +54,14 @@ RESTART_S, MAX_LOW = 1.0, 2000
 MAX_RF_VALUES = 1_000_000
 """Maximum number of values that a record may declare."""
 FAR_S = 1.0
-"""Minimum difference, s, of the sender's clock and the frame counter that counts as a jump of the clock."""
+"""Minimum difference, s, of sender's clock and frame counter that is a jump of the clock."""
 RECENT_S, MAX_RECENT = 10.0, 250
 """Time over which the rate of arriving frames is compared with that of the radar, and number of frames that are."""
 CREDIBLE_START = 2.0
 """Ratio to the frames of this time after which a start ends, also if the clock does not advance."""
 EXPECTED = ("carrier_hz", "prf_hz", "bin_spacing_m")
 EXPECTED_TOLERANCE = 5e-3
-"""Relative tolerance to an expected radar; drivers use c = 3e8 m/s for ranges and measure their frame rates."""
+"""Relative tolerance to an expected radar: drivers use c = 3e8 m/s and measure their rates."""
 
 
 @dataclass

@@ -1,6 +1,5 @@
-"""Measurement of a sensor in one recording, from values that certainly belong to the sensor.
-
-These are the upper half of the Doppler band where it has only noise, and low quantiles elsewhere.
+"""Measure a sensor in one recording: from the upper half of the Doppler band where it has only
+noise, and from low quantiles elsewhere.
 """
 
 from __future__ import annotations
@@ -66,7 +65,6 @@ COHERENT = 0.4
 """Minimum share of its power that a line keeps if the whole recording is one window."""
 MOVING_DB = 15.0
 """Minimum power over the noise, dB, of motion in a window that is used for the I/Q image."""
-
 ONE_WAY = 0.5
 """Minimum difference of approaching and receding power in such a window, relative to their sum (5 dB)."""
 
@@ -101,9 +99,8 @@ class SensorMeasurement:
         NaN where there was motion in too many windows.
     over_range : Profile or None
         Noise per bin relative to the mean over all bins, dB; None for fewer than eight bins.
-    correlation : ndarray, shape (L,)
-        Noise correlation at a lag of l bins; empty if refused.
-    correlation_sd : float
+    correlation, correlation_sd : ndarray, shape (L,), float
+        Noise correlation at a lag of l bins, with its uncertainty; empty if refused.
     lines : tuple of Line
     full_scale_v, step_v, clipped : float
         Full scale and step of the converter (NaN if not visible), share of samples at full scale.
@@ -368,12 +365,10 @@ def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> Profile:
     for place, frequency in enumerate(size_hz[2:], start=2):  # subtraction of the window's mean reduces the first
         cells = power[:, np.abs(f_hz) == frequency].reshape(-1, power.shape[2])
         low, high = np.quantile(cells, (0.25, 0.75), axis=0)
-        calm = high / np.maximum(low, np.finfo(float).tiny) < QUARTILE_RATIO * (
-            WHITE_RATIO + 4.0 / math.sqrt(len(cells))
-        )
-        sides = [
-            np.quantile(power[:, f_hz == side], 0.25, axis=0)[0] for side in (frequency, -frequency) if side in f_hz
-        ]
+        limit = QUARTILE_RATIO * (WHITE_RATIO + 4.0 / math.sqrt(len(cells)))
+        calm = high / np.maximum(low, np.finfo(float).tiny) < limit
+        signs = [side for side in (frequency, -frequency) if side in f_hz]
+        sides = [np.quantile(power[:, f_hz == side], 0.25, axis=0)[0] for side in signs]
         if len(sides) == 2:  # noise has equal power at both signs of Doppler, motion does not
             apart = np.abs(np.log(np.maximum(sides[0], 1e-300) / np.maximum(sides[1], 1e-300)))
             calm &= apart < 4.0 * 2.0 * math.sqrt(2.0 / len(power))
@@ -401,9 +396,8 @@ def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int
     floor = np.median(low[(np.arange(window)[:, None] + around) % window], axis=1)
     # the chip's filter correlates bins, and a target makes neighbours unequal: only a third of the cells counts
     needed = 1.0 + LINE_SIGMAS * 2.0 / math.sqrt(part.shape[0] * max(n_bins / 3.0, 1.0))
-    stands = (low > floor * max(needed, float(db_to_power(LINE_DB)))) & (
-        np.minimum(np.arange(window), window - np.arange(window)) > SLOW_CELLS
-    )
+    stands = low > floor * max(needed, float(db_to_power(LINE_DB)))
+    stands &= np.minimum(np.arange(window), window - np.arange(window)) > SLOW_CELLS
     # a line with noise scatters no more than noise; motion is stronger in some windows and bins
     lower, upper = np.quantile(power.transpose(1, 0, 2).reshape(window, -1), (0.25, 0.75), axis=1)
     stands &= upper < lower * WHITE_RATIO * QUARTILE_RATIO
@@ -451,7 +445,6 @@ def _estimate_image(
         refused["I/Q image"] = "no motion in one direction was fast and strong enough to show an image"
         return {}
     ratio = (square / whole)[one_way]
-
     gain, phase = _estimate_by_jackknife(lambda chosen: convert_ratio(take_middle(ratio[chosen])), len(ratio))
     # the jackknife of a median is inaccurate: the minimum is the scatter of the windows
     least = MEDIAN_SPREAD * measure_scatter(ratio) / math.sqrt(2.0 * len(ratio))
@@ -479,7 +472,6 @@ def _estimate_channel_noise(spectrum: ComplexArray, f_hz: FloatArray, upper: Mas
     mirrored = np.roll(spectrum[:, ::-1], 1, axis=1)
     square = np.sum((spectrum * mirrored)[:, both], axis=(1, 2))
     whole = np.sum(np.abs(spectrum[:, both]) ** 2, axis=(1, 2))
-
     # every window has the same weight, because windows of high power may contain part of an echo
     ratio = square / whole
     gain, phase = _estimate_by_jackknife(lambda chosen: convert_ratio(complex(np.mean(ratio[chosen]))), len(ratio))

@@ -189,7 +189,7 @@ def is_noise_separate(pooled: Mapping[str, PooledQuantity]) -> bool:
 SAME = 0.05
 """Maximum relative difference of carrier and bin spacing between recordings of one kind."""
 SHAPE_DB = 1.0
-"""Minimum deviation, dB, of a noise floor over Doppler or range in the model, with three standard deviations."""
+"""Minimum deviation, dB, of a noise floor in the model, with three standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -245,7 +245,7 @@ class SensorKind:
 
 
 def _find_difference(radar: Radar, other: Radar) -> str:
-    """Return the difference of two radars as text, or "". Frames of other rates have other noise."""
+    """Return how two radars differ, or ""; frames of other rates have other noise."""
     if abs(radar.carrier_hz / other.carrier_hz - 1.0) > SAME:
         return f"carrier {radar.carrier_hz / 1e9:.4g} GHz instead of the {other.carrier_hz / 1e9:.4g} GHz"
     if abs(radar.prf_hz / other.prf_hz - 1.0) > SAME:

@@ -123,8 +123,10 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> dg.radar.write_recording(recording, "walk.h5")
-    >>> dg.radar.read_recording("walk.h5").n_pulses
-    1920
+    >>> dg.radar.write_arrays(recording, "walk.npz")
+    >>> dg.radar.write_sigmf(recording, "walk.sigmf-data")
+    >>> [dg.radar.read_recording(f"walk.{suffix}").n_pulses for suffix in ("h5", "npz", "sigmf-data")]
+    [1920, 1920, 1920]
     """
     file = Path(path)
     if not file.name:  # "." has no name for finding the other files of a recording
@@ -160,11 +162,7 @@ def is_folder_of_recordings(path: Path) -> bool:
 
 
 def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
-    """Yield the recordings of files and folders, each once.
-
-    They are in the order of their names, with True for a named path and False for a file found in a
-    folder. In folders, files without the suffix of a recording are skipped.
-    """
+    """Yield recordings of files and folders once, sorted, with True for a named path."""
     endings = {s for reader in RADAR_READERS.values() for s in reader.facts["suffixes"] if s.startswith(".")}
     suffixes = tuple(endings.difference(TABLES))
     seen: set[Path] = set()
@@ -194,29 +192,7 @@ def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
 
 
 def read_several(paths: Iterable[Path], **options: Any) -> tuple[list[Recording], list[str]]:
-    """Read the recordings of files and folders.
-
-    All recordings of a file are read, unless the options select one.
-
-    Parameters
-    ----------
-    paths : iterable of Path
-        Files, and folders that are searched with their subfolders.
-    **options
-        Options of readers; each reader gets the options that it has.
-
-    Returns
-    -------
-    found : list of Recording
-    left_out : list of str
-        Reasons why other files in folders cannot be read.
-
-    Raises
-    ------
-    RecordingError
-        If a named file cannot be read, a folder cannot be listed, no recording remains, or no
-        reader has one of the options (except ``radar``).
-    """
+    """Read all recordings of files and folders; also return why other files are left out."""
     paths, found, left_out, taken = list(paths), [], [], {"radar"}
     try:
         for path, named in find_recordings(paths):

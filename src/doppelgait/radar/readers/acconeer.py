@@ -1,6 +1,4 @@
-"""Recordings of Acconeer's A121 sensor (60.5 GHz pulsed coherent radar).
-
-They are HDF5 files of the vendor's exploration tool.
+"""Recordings of Acconeer's A121 sensor (60.5 GHz) as HDF5 of the vendor's exploration tool.
 
 A frame is a series of sweeps, and a sweep has one complex value per range point; the sensor may sleep between frames.
 """
@@ -33,8 +31,6 @@ APPROXIMATE_STEP_M = 2.5e-3
 MAX_VALUES = 500_000_000
 MAX_TEXT_BYTES = 1 << 24
 TICK_WRAP = 2**32
-
-
 OR_ZERO = BeforeValidator(lambda value: None if value == 0 else value)
 """A stored 0 stands for "does not apply"."""
 Rate = Annotated[float | None, Field(gt=0, le=1e6), OR_ZERO]
@@ -57,7 +53,7 @@ class Subsweep(FrozenModel, extra="ignore"):
 
 
 class Settings(FrozenModel, extra="ignore"):
-    """Settings of a sensor, of the metadata and of the server that are needed to read its frames."""
+    """Settings of sensor, metadata and server that are needed to read the frames."""
 
     subsweeps: tuple[Subsweep, ...] = Field(min_length=1)
     sweeps_per_frame: int = Field(ge=1, le=100_000)

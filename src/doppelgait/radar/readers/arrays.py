@@ -383,19 +383,6 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
     OutputError
         If the name does not end in ``.npz``, another kind of TOML file with this stem exists, or
         the files cannot be written; existing files then do not change.
-
-    See Also
-    --------
-    read_recording : read the file again.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> dg.radar.write_arrays(recording, "walk.npz")
-    >>> dg.radar.read_recording("walk.npz").n_pulses
-    1920
     """
     target = Path(path)
     if target.suffix.lower() != ".npz":

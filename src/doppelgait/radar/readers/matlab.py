@@ -23,7 +23,7 @@ from doppelgait.core.documents import check_cost
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.own_hdf5 import open_hdf5
 from doppelgait.core.units import slow_time_axis_s
-from doppelgait.radar.measured import adapt_preset, check_finite, check_number, check_shape, label_measured
+from doppelgait.radar.measured import check_finite, check_number, check_shape, label_measured
 from doppelgait.radar.readers.arrays import NAMES, Parsed, array_reader
 from doppelgait.radar.recording import Recording
 
@@ -155,9 +155,6 @@ MAX_BINS = 1_000_000
 SMALLEST = 1e-6
 """Exclusive minimum of a rate in Hz or a bin length in m."""
 CARRIER_HZ = 7.29e9
-DECIMATION = 8
-DRIVER_LIGHT_SPEED_MPS = 3e8
-"""Speed of light in the X4 driver, on which the bin lengths in files are based."""
 
 
 class Held(NamedTuple):
@@ -264,36 +261,22 @@ def parse_matlab(
             )
         start_m = float(axis_m[0])
     start_m = _read_fact(path, content, "range_start_m", start_m)
-    from doppelgait.radar.xethru.downconvert import change_filter_noise, compute_chip_gain, down_convert_frames
+    from doppelgait.radar.xethru import downconvert
 
-    sample_rate_hz = DRIVER_LIGHT_SPEED_MPS / (2.0 * spacing_m)
-    try:
-        values, range_m = down_convert_frames(
-            frames,
-            carrier_hz=carrier_hz,
-            sample_rate_hz=sample_rate_hz,
-            decimation=DECIMATION,
-            range_start_m=start_m,
-            bin_length_m=spacing_m,
-            filter=filter,
-        )
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from None
-    made = adapt_preset(
-        path, radar, n_range_bins=range_m.size, range_start_m=range_m[0], prf_hz=rate_hz, carrier_hz=carrier_hz
-    )
-    scale_v = made.volts_per_unit or 1.0
+    facts = {"carrier_hz": carrier_hz, "prf_hz": rate_hz}
+    facts |= {"range_start_m": start_m, "bin_spacing_m": spacing_m}
+    values, range_m = downconvert.convert_rf_frames(path, frames, facts, filter)
+    volts, made, notes = downconvert.scale_by_preset(path, values, range_m, facts, radar)
     return label_measured(
         path,
-        scale_v * compute_chip_gain(carrier_hz, sample_rate_hz, filter) * values,
-        radar=change_filter_noise(made, filter),
-        slow_time_s=slow_time_axis_s(len(values), rate_hz),
+        volts,
+        radar=downconvert.change_filter_noise(made, filter),
+        slow_time_s=slow_time_axis_s(len(volts), rate_hz),
         range_m=range_m,
         notes=[
             f"frames: {content['name']}, real RF samples, down-converted on reading",
             f"carrier_hz = {carrier_hz:g}: not in the file",
-            f"radar = {radar}: not in the file; pulse, power and antennas are the preset's",
-            f"1 unit of the chip's baseband = {scale_v:g} V (volts_per_unit of the preset): not in the file",
+            *notes,
         ],
     )
 

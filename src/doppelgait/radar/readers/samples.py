@@ -80,7 +80,7 @@ def parse_wav(path: Path, *, channel: int | None = None, decimate: int = 1) -> P
 
 
 def parse_datatype(text: str) -> tuple[bool, np.dtype[Any]] | None:
-    """Return whether samples are complex, and the type of their numbers; None for an unknown name."""
+    """Return whether samples are complex, and their numbers' type; None for an unknown name."""
     match = DATATYPE.fullmatch(text)
     if match is None or (match[2] == "f") > (int(match[3]) >= 32):
         return None

@@ -1,7 +1,4 @@
-"""Recordings as SigMF (specification 1.x).
-
-Samples are in NAME.sigmf-data, their description in NAME.sigmf-meta (JSON).
-"""
+"""SigMF 1.x: samples in NAME.sigmf-data, their description in NAME.sigmf-meta (JSON)."""
 
 from __future__ import annotations
 
@@ -60,7 +57,7 @@ def find_sigmf_pair(path: Path) -> tuple[Path, Path]:
 
 
 def read_archive(path: Path) -> tuple[bytes, str, bytes]:
-    """Return metadata, name of the samples and samples of an archive: only regular members are read."""
+    """Return metadata, name of the samples and samples of an archive's regular members."""
     try:
         with tarfile.open(path, "r:") as archive:
             members = [member for member in archive.getmembers() if member.isfile()]
@@ -329,19 +326,6 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
         If the data type is not one of these.
     OutputError
         If a file cannot be written.
-
-    See Also
-    --------
-    read_recording : read the file again.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> dg.radar.write_sigmf(recording, "walk.sigmf-data")
-    >>> dg.radar.read_recording("walk.sigmf-data").n_pulses
-    1920
     """
     if datatype not in ("cf32_le", "ci16_le"):
         raise RecordingError(f"{path}: datatype = {datatype!r} is not allowed; it must be 'cf32_le' or 'ci16_le'")

@@ -25,12 +25,11 @@ from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.plugins import plugin, read_head
 from doppelgait.core.readers import Limits
 from doppelgait.radar.measured import (
-    CW_FRAME_M,
     POSITIVE,
     Positive,
     label_measured,
     label_sweeps,
-    make_cw_radar,
+    make_radar,
     place_frames,
     split_rows,
 )
@@ -40,7 +39,9 @@ PARTS = ("_RE", "_IM")
 BITS = 12
 MID_CODE = 2 ** (BITS - 1)
 MAX_CODES_BYTES = 2**26
-"""Maximum size of a text file of a Doppler module: 64 MiB is more than an hour at 3000 samples/s."""
+"""Maximum size of a Doppler module's file: 64 MiB is over an hour at 3000 samples/s."""
+CW_FRAME_M = (0.0, 10.0)
+"""Nominal range interval, m, of a continuous-wave recording's single bin."""
 HEAD_BYTES = 256
 OTHER_WORD = re.compile(rb"(?<!\S)(?!(?:[0-3]?\d{1,3}|40[0-8]\d|409[0-5])(?!\S))\S+")
 """A word that is no integer from 0 to 4095."""
@@ -91,14 +92,17 @@ def read_cw_text(
     rows = split_rows(names[0], np.stack(codes, axis=-1), burst_pulses, "burst", least=1)
     centred = (rows.reshape(-1, 2) - MID_CODE) * scale_v
     slow_time_s, rate_hz, attrs = place_frames(len(rows), burst_pulses, burst_period_s, sample_rate_hz)
-    radar = make_cw_radar(
+    start_m, stop_m = CW_FRAME_M
+    radar = make_radar(
         path,
         name="continuous-wave Doppler module",
+        waveform="cw",
+        range_start_m=start_m,
+        range_stop_m=stop_m,
         carrier_hz=carrier_hz,
         prf_hz=rate_hz,
         volts_per_unit=scale_v,
     )
-    start_m, stop_m = CW_FRAME_M
     notes = [
         f"the files state neither carrier nor timing: {carrier_hz / 1e9:g} GHz, {sample_rate_hz:g} samples/s in "
         f"bursts of {burst_pulses}, one every {burst_period_s:g} s",

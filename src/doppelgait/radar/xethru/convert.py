@@ -1,7 +1,4 @@
-"""XeThru recordings as :class:`~doppelgait.radar.recording.Recording`.
-
-The baseband is in volts and has axes.
-"""
+"""XeThru recordings as :class:`~doppelgait.radar.recording.Recording`."""
 
 from __future__ import annotations
 
@@ -17,11 +14,11 @@ import numpy.typing as npt
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.readers import check_value
-from doppelgait.radar.measured import adapt_preset, check_number, label_measured
+from doppelgait.radar.measured import check_number, label_measured
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.slow_time import measure_clock_rate_hz
-from doppelgait.radar.xethru.downconvert import FrameFilter, change_filter_noise, compute_chip_gain, down_convert_frames
+from doppelgait.radar.xethru.downconvert import FrameFilter, change_filter_noise, convert_rf_frames, scale_by_preset
 from doppelgait.radar.xethru.reader import read_xethru, sniff_xethru
 from doppelgait.radar.xethru.records import TABLES
 
@@ -51,9 +48,6 @@ CONVERTIBLE = (
 )
 """Data types that contain a baseband or can be converted to one."""
 Q15_MAX = 32767
-RF_DECIMATION = 8
-DRIVER_SPEED_OF_LIGHT_MPS = 3.0e8
-"""Speed of light in the driver, on which the bin lengths in its files are based."""
 OPTIONS = TABLES["options"]
 """Options for values of a record: its field, limits, and typical values for messages."""
 
@@ -211,19 +205,9 @@ def convert_records(
     else:
         values = _decode(source, iq)
         range_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(values.shape[1], dtype=np.float64)
-    made = adapt_preset(
-        source.path,
-        radar,
-        n_range_bins=range_m.size,
-        range_start_m=float(range_m[0]),
-        prf_hz=facts["prf_hz"],
-        carrier_hz=facts["carrier_hz"],
-    )
-    scale_v = made.volts_per_unit or 1.0
-    source.notes.append(f"radar = {radar}: not in the file; pulse, power and antennas are the preset's")
-    source.notes.append(f"1 unit of baseband = {scale_v:g} V (volts_per_unit of the preset): not in the file")
-    with np.errstate(over="ignore", invalid="ignore"):
-        volts = np.asarray(scale_v * (np.conj(values) if conjugate else values), dtype=np.complex64)
+    values = np.conj(values) if conjugate else values
+    volts, made, notes = scale_by_preset(source.path, values, range_m, facts, radar)
+    source.notes.extend(notes)
     return volts, change_filter_noise(made, filter) if is_rf else made, range_m
 
 
@@ -304,22 +288,7 @@ def _from_rf(
     else:
         frames = source.records["values"].astype(float)
     source.notes.append(f"real RF samples, down-converted on reading with the {filter} filter")
-    if "sample_rate_hz" in (source.records.dtype.names or ()):
-        sample_rate_hz = check_number(
-            source.path, "sample_rate_hz", _read_constant(source, "sample_rate_hz"), above=0.0
-        )
-    else:
-        sample_rate_hz = DRIVER_SPEED_OF_LIGHT_MPS / (2.0 * facts["bin_spacing_m"])
-    try:
-        values, range_m = down_convert_frames(
-            frames,
-            carrier_hz=facts["carrier_hz"],
-            sample_rate_hz=sample_rate_hz,
-            decimation=RF_DECIMATION,
-            range_start_m=facts["range_start_m"],
-            bin_length_m=facts["bin_spacing_m"],
-            filter=filter,
-        )
-    except RecordingError as error:
-        raise RecordingError(f"{source.path}: {error}") from None
-    return np.float32(compute_chip_gain(facts["carrier_hz"], sample_rate_hz, filter)) * values, range_m
+    rate_hz, name = None, "sample_rate_hz"
+    if name in (source.records.dtype.names or ()):
+        rate_hz = check_number(source.path, name, _read_constant(source, name), above=0.0)
+    return convert_rf_frames(source.path, frames, facts, filter, sample_rate_hz=rate_hz)

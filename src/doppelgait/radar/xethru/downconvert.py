@@ -1,6 +1,4 @@
-"""Convert RF frames to complex baseband and back.
-
-For chips that sample the carrier itself.
+"""Convert RF frames (of chips that sample the carrier) to complex baseband and back.
 
 Units: one unit of the X4's files is 1024 codes of its threshold DAC, in RF frames and in the chip's
 own baseband, where a sinusoid with the RF amplitude A has 0.78 A, the gain of the chip's taps.
@@ -10,13 +8,16 @@ Readers of RF frames therefore multiply the output of a filter by :func:`compute
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.radar.measured import adapt_preset
 from doppelgait.radar.parameters import Radar
 
 FrameFilter = Literal["hamming", "chip"]
@@ -46,6 +47,9 @@ CHIP_CENTRE = {"low": 14.5, "high": 13.5}
 """Centre of the envelope of those filters, RF samples after their first tap."""
 CHIP_CARRIER = {"low": 5.0 / 16.0, "high": 3.0 / 8.0}
 """Ratio of carrier to sampling rate of each pair: 7.29 and 8.748 GHz at 23.328 GS/s."""
+
+DRIVER_SPEED_OF_LIGHT_MPS = 3.0e8
+"""Speed of light in the driver, on which the bin lengths in its files are based."""
 
 
 def down_convert_frames(
@@ -186,6 +190,45 @@ def _make_complex_taps(
     cutoff = min(1.0 / (2.0 * decimation), 0.49)
     taps = firwin(HAMMING_TAPS, cutoff, window="hamming", fs=1.0)
     return taps * np.exp(-2j * np.pi * cycles_per_sample * np.arange(HAMMING_TAPS)), (HAMMING_TAPS - 1) / 2.0
+
+
+def convert_rf_frames(
+    path: Path,
+    frames: npt.NDArray[np.floating],
+    facts: Mapping[str, float],
+    filter: FrameFilter,
+    sample_rate_hz: float | None = None,
+) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
+    """Down-convert a file's frames to the unit of the chip's baseband; also return ranges."""
+    rate_hz = sample_rate_hz or DRIVER_SPEED_OF_LIGHT_MPS / (2.0 * facts["bin_spacing_m"])
+    try:
+        values, range_m = down_convert_frames(
+            frames,
+            carrier_hz=facts["carrier_hz"],
+            sample_rate_hz=rate_hz,
+            range_start_m=facts["range_start_m"],
+            bin_length_m=facts["bin_spacing_m"],
+            filter=filter,
+        )
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from None
+    return np.float32(compute_chip_gain(facts["carrier_hz"], rate_hz, filter)) * values, range_m
+
+
+def scale_by_preset(
+    path: Path, values: npt.NDArray[Any], range_m: npt.NDArray[np.float64], facts: Mapping[str, float], preset: str
+) -> tuple[npt.NDArray[np.complex64], Radar, list[str]]:
+    """Return a baseband in V by the unit of a preset, its radar, and notes."""
+    stated = {key: facts[key] for key in ("prf_hz", "carrier_hz")}
+    start_m = float(range_m[0])
+    made = adapt_preset(path, preset, n_range_bins=range_m.size, range_start_m=start_m, **stated)
+    scale_v = made.volts_per_unit or 1.0
+    notes = [
+        f"radar = {preset}: not in the file; pulse, power and antennas are the preset's",
+        f"1 unit of baseband = {scale_v:g} V (volts_per_unit of the preset): not in the file",
+    ]
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(scale_v * values, dtype=np.complex64), made, notes
 
 
 def up_convert_frames(

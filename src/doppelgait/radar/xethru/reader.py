@@ -112,11 +112,7 @@ class XethruRecording:
 
 
 def sniff_xethru(path: str | os.PathLike[str]) -> bool:
-    """Return whether a path is a XeThru recording.
-
-    It is a meta file, a folder with one, or a file with the name of a data file and a plausible
-    first record. At most 64 bytes of a file are read.
-    """
+    """Return whether a path is a meta file, a folder with one, or a plausible data file."""
     try:
         place = _find_main_path(Path(path))
         with place.open("rb") as file:

@@ -41,11 +41,8 @@ RESERVED = b"\xcd" * 28
 TRAILER_HEAD = _make_dtype("time_ms:u4 kind:u1 n_files:u4")
 LENGTH = np.dtype("<u4")
 ENTRY = _make_dtype("time_ms:u4 kind:u1 data_type:u4 size:u4 file:u4 offset:i8 total:i8")
-"""Type of a table entry of 33 bytes.
-
-``data_type`` is a bit mask, bitwise inverted for a user header; ``offset`` is the position in the
-data file; ``total`` is the number of bytes of all data files up to and including this record.
-"""
+"""Table entry: ``data_type`` is a bit mask, inverted for a user header; ``offset`` is that in the
+data file, ``total`` the bytes of all data files up to and including this record."""
 STATED = ("start_ms", "duration_ms", "profile_id", "version", "flag")
 """Fields of the head that a :class:`Meta` keeps."""
 

@@ -1,7 +1,4 @@
-"""Write XeThru recordings in the format of the vendor's recorder.
-
-Software for the sensor can then read simulated data.
-"""
+"""Write XeThru recordings in the format of the vendor's recorder."""
 
 from __future__ import annotations
 
