@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, collect_inputs, collect_rows
 from doppelgait.classify.decide import TargetInputs, classify, decide
-from doppelgait.classify.evaluation import Options, choose_folds, evaluate
+from doppelgait.classify.evaluation import Options, choose_folds, evaluate, hold_back
 from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.model import row_weights
 from doppelgait.classify.model_file import load_model, save_model
@@ -220,6 +220,18 @@ def test_targets_stay_on_one_side():
         assert sum(map(len, sides)) == len(set.union(*sides))
     tested = np.sort(np.concatenate([fold.test for fold in crossed]))
     assert np.array_equal(tested, np.arange(len(rows)))
+
+
+def test_calibration_holds_back_kinds_of_episode():
+    dataset = made_up()
+    kinds = [f"{label}_{number % 12}" for number, label in enumerate(dataset.index["label"])]
+    dataset.index["scene_id"] = [f"{kind}-{number:06d}" for number, kind in enumerate(kinds)]
+    dataset.description["config"] = {"episodes": [{}]}
+    rows = collect_rows(dataset)
+    turns = [held for _, held in hold_back(rows, np.arange(len(rows)), 0)]
+    held = [{kinds[number] for number in turn} for turn in turns]
+    assert sum(map(len, held)) == len(set.union(*held)) == len(set(kinds))
+    assert np.array_equal(np.sort(np.concatenate(turns)), np.arange(len(rows)))
 
 
 def test_a_dataset_that_was_split_by_row_is_refused():
