@@ -6,7 +6,7 @@ import inspect
 import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin
 
 import typer
 from typer.models import ArgumentInfo, OptionInfo
@@ -47,9 +47,8 @@ def _words(function: Callable[..., Any]) -> list[str]:
 
 def _parameters(function: Callable[..., Any]) -> Iterator[tuple[str, Any, OptionInfo | ArgumentInfo, Any]]:
     """Name, type, declaration and default of every parameter that the command line has."""
-    hints = get_type_hints(function, include_extras=True)
-    for name, parameter in inspect.signature(function).parameters.items():
-        kind, *declared = get_args(hints[name])
+    for name, parameter in inspect.signature(function, eval_str=True).parameters.items():
+        kind, *declared = get_args(parameter.annotation)
         if declared and isinstance(declared[0], OptionInfo | ArgumentInfo):
             yield name, kind, declared[0], parameter.default
 

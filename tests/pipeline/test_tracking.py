@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from doppelgait.cli.simulate import DEMO_SCENE
+from doppelgait.cli.simulate import DEMO
+from doppelgait.core.config import read_toml
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.labels import SIGNATURE, Signal, make_array
 from doppelgait.core.rng import rng
@@ -73,11 +74,12 @@ def test_a_walker_is_found_in_clutter_with_the_features_of_the_true_gate():
 
 @pytest.mark.parametrize("gate", ["truth", "track"])
 def test_a_crossing_costs_neither_body_of_the_demonstration_anything(gate):
-    targets, unseen = DEMO_SCENE["targets"], {"background": True, "rcs": {"total_m2": 1e-9}}
-    results = analyze(run_simulation(parse_run(DEMO_SCENE)), gate=gate)
+    scene, _ = read_toml(DEMO)
+    targets, unseen = scene["targets"], {"background": True, "rcs": {"total_m2": 1e-9}}
+    results = analyze(run_simulation(parse_run(scene)), gate=gate)
     for result, target in zip(results, targets, strict=True):
         others = [one if one is target else one | unseen for one in targets]  # that the draw of the body stays
-        (alone,) = analyze(run_simulation(parse_run({**DEMO_SCENE, "targets": others})), gate="truth")
+        (alone,) = analyze(run_simulation(parse_run({**scene, "targets": others})), gate="truth")
         assert result.features.torso_velocity_mps == pytest.approx(alone.features.torso_velocity_mps, rel=0.06)
         assert result.gait_frequency_hz == pytest.approx(alone.gait_frequency_hz, rel=0.01)
         assert result.features.doppler_bandwidth_hz == pytest.approx(alone.features.doppler_bandwidth_hz, rel=0.05)

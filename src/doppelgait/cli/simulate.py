@@ -7,7 +7,6 @@ SigMF, or a folder for a XeThru recording.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -207,7 +206,7 @@ def put_target_options(
     first.update(facts)
 
 
-DEMO_SCENE: dict[str, Any] = tomllib.loads(Path(__file__).with_name("demo.toml").read_text(encoding="utf-8"))
+DEMO = Path(__file__).with_name("demo.toml")
 """Scene file of the demonstration: an approaching person and a receding dog pass each other."""
 
 
@@ -223,10 +222,11 @@ def run_demo(
     """
     from doppelgait.cli.analyze import print_features
     from doppelgait.cli.figures import save_figures
+    from doppelgait.core.config import read_toml
     from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
     from doppelgait.radar import write_recording
 
-    spec = parse_run(DEMO_SCENE, where="demo")
+    spec = parse_run(read_toml(DEMO)[0], where="demo")
     make_folder(output, "-o ")
     recording = run_simulation(spec)
     write_recording(recording, output / "recording.h5")

@@ -11,7 +11,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from pydantic import BaseModel
+from pydantic import BaseModel, NonNegativeInt
 
 from doppelgait import __version__
 from doppelgait.core.config import format_canonical_json, validate
@@ -236,14 +236,35 @@ class Description(BaseModel, strict=True):
     classes: dict[str, int]
     fields: dict[str, FieldFacts]
     n_examples: int = 0
+    origin: str = "simulated"
     config: dict[str, Any] | None = None
+
+
+class _Section(BaseModel, strict=True):
+    label: str
+    examples: NonNegativeInt | None = None
+
+
+class _Numbers(BaseModel, strict=True):
+    examples_per_class: NonNegativeInt | None = None
+    seed: NonNegativeInt | None = None
+
+
+class StatedPlan(BaseModel, strict=True):
+    """What readers rely on of a plan; the rest is needed only to simulate an example again."""
+
+    dataset: _Numbers
+    classes: list[_Section] = []
+    episodes: list[_Section] = []
 
 
 def read_description(folder: Path) -> dict[str, Any]:
     """Read ``dataset.json`` of a folder."""
     try:
         description = parse_json(read_document(folder / "dataset.json"))
-        validate(Description, description, where="dataset.json")
+        known = validate(Description, description, where="dataset.json")
+        if known.config and known.origin == "simulated":
+            validate(StatedPlan, known.config, where="config")
     except NotADirectoryError:
         raise DatasetError(f"{folder}: is a file; name the folder of a dataset") from None
     except FileNotFoundError:
