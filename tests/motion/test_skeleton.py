@@ -2,18 +2,8 @@
 
 import pytest
 
+from doppelgait.motion import skeleton
 from doppelgait.motion.models.quadruped import PART_OF_POINT
-from doppelgait.motion.skeleton import (
-    BOULIC_PARTS,
-    DOG_PARTS,
-    HUMAN_PARTS,
-    complete_set,
-    find_part,
-    find_parts,
-    guess_species,
-    list_marker_sets,
-    strip_subject,
-)
 
 
 @pytest.mark.parametrize(
@@ -29,29 +19,29 @@ from doppelgait.motion.skeleton import (
     ],
 )  # fmt: skip
 def test_part_of(marker: str, part: str) -> None:
-    assert find_part(marker) == part
+    assert skeleton.find_part(marker) == part
 
 
 @pytest.mark.parametrize(("name", "size"), [("CMU 41", 41), ("Plug-in Gait", 39)])
 def test_known_sets_are_people_with_all_parts_in_mirror_images(name: str, size: int) -> None:
-    markers = sorted(list_marker_sets()[name])
-    parts = [find_part(marker) for marker in markers]
+    markers = sorted(skeleton.list_marker_sets()[name])
+    parts = [skeleton.find_part(marker) for marker in markers]
     assert len(markers) == size
-    assert set(parts) == set(HUMAN_PARTS)
-    assert find_parts(markers) == parts
-    assert guess_species(markers) == "human"
+    assert set(parts) == set(skeleton.HUMAN_PARTS)
+    assert skeleton.find_parts(markers) == parts
+    assert skeleton.guess_species(markers) == "human"
     left = [(marker, part) for marker, part in zip(markers, parts, strict=True) if marker.startswith("L")]
-    assert all(find_part("R" + marker[1:]) == part.replace("left", "right") for marker, part in left)
+    assert all(skeleton.find_part("R" + marker[1:]) == part.replace("left", "right") for marker, part in left)
 
 
 def test_bare_name() -> None:
-    assert strip_subject("a:b:LFIN ") == "LFIN"
+    assert skeleton.strip_subject("a:b:LFIN ") == "LFIN"
 
 
 def test_complete_set_needs_nine_tenths() -> None:
-    markers = sorted(list_marker_sets()["CMU 41"])
-    assert complete_set(f"J:{m.lower()}" for m in markers[4:]) == frozenset(markers)
-    assert complete_set(markers[5:]) == frozenset()
+    markers = sorted(skeleton.list_marker_sets()["CMU 41"])
+    assert skeleton.complete_set(f"J:{m.lower()}" for m in markers[4:]) == frozenset(markers)
+    assert skeleton.complete_set(markers[5:]) == frozenset()
 
 
 SETS = """
@@ -157,27 +147,31 @@ R_B_Paw right_back_paw; right_fore_lower R_F_Knee
 def test_parts_and_species_of_whole_sets(text: str) -> None:
     title, *groups = text.split(";")
     wanted = {marker: part.strip("-") for part, *markers in map(str.split, groups) for marker in markers}
-    assert dict(zip(wanted, find_parts(wanted), strict=True)) == wanted
-    assert guess_species(wanted) == title.partition(", ")[2].strip("-")
-    assert find_parts([f"anna:{marker}" for marker in wanted]) == list(wanted.values())
+    assert dict(zip(wanted, skeleton.find_parts(wanted), strict=True)) == wanted
+    assert skeleton.guess_species(wanted) == title.partition(", ")[2].strip("-")
+    assert skeleton.find_parts([f"anna:{marker}" for marker in wanted]) == list(wanted.values())
 
 
-@pytest.mark.parametrize(("points", "species"), [(BOULIC_PARTS, "human"), (PART_OF_POINT, "dog")])
+@pytest.mark.parametrize(("points", "species"), [(skeleton.BOULIC_PARTS, "human"), (PART_OF_POINT, "dog")])
 def test_points_of_models_have_their_parts(points: dict[str, str], species: str) -> None:
-    assert dict(zip(points, find_parts(points), strict=True)) == points
-    assert guess_species(points) == species
-    assert set(points.values()) <= {*HUMAN_PARTS, *DOG_PARTS}
+    assert dict(zip(points, skeleton.find_parts(points), strict=True)) == points
+    assert skeleton.guess_species(points) == species
+    assert set(points.values()) <= {*skeleton.HUMAN_PARTS, *skeleton.DOG_PARTS}
 
 
 def test_one_name_means_another_part_in_another_body() -> None:
-    assert find_part("LeftHand") == "left_hand"
-    assert find_part("LeftHand", "dog") == "left_fore_paw"
-    assert find_part("left_elbow", "dog") == "left_fore_upper"
-    assert {find_part(part) for part in HUMAN_PARTS} == set(HUMAN_PARTS)
-    assert {find_part(part, "dog") for part in DOG_PARTS} == set(DOG_PARTS)
+    assert skeleton.find_part("LeftHand") == "left_hand"
+    assert skeleton.find_part("LeftHand", "dog") == "left_fore_paw"
+    assert skeleton.find_part("left_elbow", "dog") == "left_fore_upper"
+    assert {skeleton.find_part(part) for part in skeleton.HUMAN_PARTS} == set(skeleton.HUMAN_PARTS)
+    assert {skeleton.find_part(part, "dog") for part in skeleton.DOG_PARTS} == set(skeleton.DOG_PARTS)
 
 
 def test_few_or_strange_names_do_not_tell_the_species() -> None:
-    assert guess_species([]) == guess_species(["RHip", "RKnee", "RAnkle", "LHip", "LKnee", "LAnkle"]) == ""
-    assert find_parts([]) == []
-    assert find_parts(["Channel1", "Channel2", "*12", ""]) == [""] * 4
+    assert (
+        skeleton.guess_species([])
+        == skeleton.guess_species(["RHip", "RKnee", "RAnkle", "LHip", "LKnee", "LAnkle"])
+        == ""
+    )
+    assert skeleton.find_parts([]) == []
+    assert skeleton.find_parts(["Channel1", "Channel2", "*12", ""]) == [""] * 4
