@@ -35,10 +35,6 @@ def doppler_coords(k, prf_hz=1000.0):
     return {"doppler": doppler_hz, "velocity": ("doppler", doppler_hz * WAVELENGTH_M / 2)}
 
 
-def spectrum_of(cadence_hz, values):
-    return make_array(CADENCE_SPECTRUM, values, {"cadence": cadence_hz})
-
-
 def walked(speed_mps, seconds, *, snr_db=18.0, seed=0, height_m=1.75, k=None, **place):
     motion = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=seconds)
     recording = simulate(
@@ -284,7 +280,7 @@ def lines(*peaks, floor=0.01):
     values = np.full(CADENCE_HZ.size, floor)
     for frequency_hz, height in peaks:
         values += height * np.exp(-0.5 * ((CADENCE_HZ - frequency_hz) / 0.1) ** 2)
-    return spectrum_of(CADENCE_HZ, values)
+    return make_array(CADENCE_SPECTRUM, values, {"cadence": CADENCE_HZ})
 
 
 def test_harmonic_ratios_are_where_the_peaks_are_e37():

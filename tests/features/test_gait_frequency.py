@@ -6,17 +6,7 @@ from scipy.stats import chi2
 
 from doppelgait._core import native
 from doppelgait.core.labels import NORMALISED_SIGNATURE, Signal, make_array
-from doppelgait.features.gait_frequency import (
-    GRID_HZ,
-    PRIOR_WEIGHTS,
-    WEIGHTS,
-    compute_posterior,
-    compute_terms,
-    estimate_gait_frequency,
-    measure_rhythms,
-    measure_target_rhythms,
-    refine_on_harmonics,
-)
+from doppelgait.features import gait_frequency
 from doppelgait.features.limbs import Rows, average_columns, limb_rows, torso_line_hz
 
 RATE_HZ, N_DOPPLER, PRF_HZ = 125.0, 128, 1000.0
@@ -50,7 +40,7 @@ def make_signature(*, stride_hz, alike, seconds=5.0, sway_hz=18.0, noise=0.0, to
 
 def estimate(noise=0.0, velocity_mps=1.2, **kwargs):
     normalised, excess = make_signature(noise=noise, **kwargs)
-    return estimate_gait_frequency(normalised, excess, noise, velocity_mps=velocity_mps)
+    return gait_frequency.estimate_gait_frequency(normalised, excess, noise, velocity_mps=velocity_mps)
 
 
 @pytest.mark.parametrize("stride_hz", [0.8, 1.05, 1.6])
@@ -97,14 +87,14 @@ def test_limbs_that_are_noise_double_nothing():
         noise = np.random.default_rng(seed).gamma(32.0, 1 / 32.0, (normalised.sizes["time"], int(blank.sum())))
         excess.values[:, blank] = 0.05 * (noise - 1.0)
         normalised.values[:, blank] = np.maximum(excess.values[:, blank], 0.0)
-        found = estimate_gait_frequency(normalised, excess, 0.05, velocity_mps=0.8)
+        found = gait_frequency.estimate_gait_frequency(normalised, excess, 0.05, velocity_mps=0.8)
         assert found.frequency_hz == pytest.approx(1.0, rel=0.02) or found.confidence < 0.9
 
 
 def test_nothing_that_changes_has_no_frequency():
     normalised, excess = make_signature(stride_hz=1.0, alike=True)
     still = normalised.copy(data=np.zeros(normalised.shape))
-    found = estimate_gait_frequency(still, excess.copy(data=still.values), 0.0, velocity_mps=1.0)
+    found = gait_frequency.estimate_gait_frequency(still, excess.copy(data=still.values), 0.0, velocity_mps=1.0)
     assert (found.frequency_hz, found.confidence, found.n_periods) == (None, None, None)
 
 
@@ -118,33 +108,35 @@ def rhythms(seed=0, n_columns=150, rate_hz=40.0):
     t = np.arange(n_columns) / rate_hz
     waves = [np.cos(2 * np.pi * 1.9 * t[:, None] + rng.uniform(0, 6, 5)) + rng.standard_normal((n_columns, 5))]
     waves.append(np.cos(2 * np.pi * 3.8 * t[:, None] + rng.uniform(0, 6, 7)) + rng.standard_normal((n_columns, 7)))
-    return measure_rhythms([[*waves, waves[0][:, :1]]], rate_hz)
+    return gait_frequency.measure_rhythms([[*waves, waves[0][:, :1]]], rate_hz)
 
 
 def test_the_posterior_is_the_weighted_sum_of_its_terms():
-    (found,), ((evidence,), (prior,)) = (f(rhythms(), np.array([-1.3])) for f in (compute_posterior, compute_terms))
+    (found,), ((evidence,), (prior,)) = (
+        f(rhythms(), np.array([-1.3])) for f in (gait_frequency.compute_posterior, gait_frequency.compute_terms)
+    )
     assert found.sum() == pytest.approx(1.0)
     place = np.array([70, 120])  # ratio of two frequencies, term by term
     logs = [
-        sum(WEIGHTS[s, n] * evidence[s, n, p] for s in range(6) for n in range(9))
-        + sum(PRIOR_WEIGHTS[n] * prior[n, p] for n in range(5))
+        sum(gait_frequency.WEIGHTS[s, n] * evidence[s, n, p] for s in range(6) for n in range(9))
+        + sum(gait_frequency.PRIOR_WEIGHTS[n] * prior[n, p] for n in range(5))
         for p in place
     ]
     assert np.log(found[70] / found[120]) == pytest.approx(logs[0] - logs[1], rel=1e-9)
-    f = GRID_HZ[place]
+    f = gait_frequency.GRID_HZ[place]
     np.testing.assert_allclose(prior[2:4, place], [np.log(1.3 / f), np.log(1.3 / f) ** 2])
     np.testing.assert_allclose(prior[4, place], np.maximum(0, np.log(3 / (f * 3.75))))
-    assert not found[GRID_HZ * 3.75 < 1.1].any()
+    assert not found[gait_frequency.GRID_HZ * 3.75 < 1.1].any()
 
 
 @pytest.mark.parametrize("seconds", [1.4, 3.75])
 def test_confidence_is_the_mass_at_the_peak_and_counts_few_periods(seconds):
     normalised, excess = make_signature(stride_hz=1.05, alike=True, noise=0.3, seconds=seconds)
-    found = estimate_gait_frequency(normalised, excess, 0.3, velocity_mps=1.2)
-    rhythms = measure_target_rhythms(
+    found = gait_frequency.estimate_gait_frequency(normalised, excess, 0.3, velocity_mps=1.2)
+    rhythms = gait_frequency.measure_target_rhythms(
         [(Signal.of(normalised, NORMALISED_SIGNATURE), Signal.of(excess, NORMALISED_SIGNATURE), 0.3)]
     )
-    mass = np.convolve(compute_posterior(rhythms, np.array([1.2]))[0], np.ones(7), "same").max()
+    mass = np.convolve(gait_frequency.compute_posterior(rhythms, np.array([1.2]))[0], np.ones(7), "same").max()
     assert found.confidence == pytest.approx(mass * chi2.cdf((0.05 / 0.4 * found.n_periods**2) ** 2, 1))
     assert mass + found.half_probability + found.double_probability <= 1.0 + 1e-9
     assert abs(np.log(found.second_hz / found.frequency_hz)) > 0.08
@@ -162,16 +154,21 @@ def literal_likeness(values, lag, counted=(1,) * 150):
 def test_the_plain_rhythm_is_the_square_difference(lag, gap):
     values, counted = np.random.default_rng(2).standard_normal((150, 7)), np.ones(150)
     values[gap], counted[gap] = 0.0, 0.0
-    found = measure_rhythms([[values]], 50.0, counted).likeness[0, 0, lag]
+    found = gait_frequency.measure_rhythms([[values]], 50.0, counted).likeness[0, 0, lag]
     assert found == pytest.approx(literal_likeness(values, lag, counted), rel=1e-9)
 
 
 def test_a_gap_leaves_the_spectrum_of_the_columns_that_exist():
     wave, counted = np.cos(2 * np.pi * 1.9 * np.arange(200) / 40.0)[:, None], np.ones(200)
     counted[70:110] = 0.0
-    whole, cut = (measure_rhythms([[wave * c[:, None]]], 40.0, c).share[0, 0] for c in (np.ones(200), counted))
+    whole, cut = (
+        gait_frequency.measure_rhythms([[wave * c[:, None]]], 40.0, c).share[0, 0] for c in (np.ones(200), counted)
+    )
     assert np.abs(cut - whole).max() < 0.1 * whole.max()
-    assert np.abs(measure_rhythms([[wave * counted[:, None]]], 40.0).share[0, 0] - whole).max() > 0.2 * whole.max()
+    assert (
+        np.abs(gait_frequency.measure_rhythms([[wave * counted[:, None]]], 40.0).share[0, 0] - whole).max()
+        > 0.2 * whole.max()
+    )
 
 
 @pytest.mark.parametrize("lag", [1, 17, 80])
@@ -183,14 +180,14 @@ def test_the_whitened_rhythm_filters_and_equalises_every_row(lag):
         white[j] -= 0.7 * values[j - 1]
     energy = (white**2).sum(axis=0)
     white /= np.sqrt(energy + 1e-3 * energy.max())
-    assert measure_rhythms([[values]], 50.0).likeness[0, 1, lag] == pytest.approx(
+    assert gait_frequency.measure_rhythms([[values]], 50.0).likeness[0, 1, lag] == pytest.approx(
         literal_likeness(white, lag), rel=1e-9
     )
 
 
 def test_the_spectrum_is_that_of_the_windowed_autocorrelation():
     values = np.random.default_rng(2).standard_normal((150, 3)) + np.cos(np.arange(150) / 4.0)[:, None]
-    plain = measure_rhythms([[values]], 50.0).take(0)
+    plain = gait_frequency.measure_rhythms([[values]], 50.0).take(0)
     products = [sum(v[: 150 - lag] @ v[lag:] for v in values.T) for lag in range(150)]
     window = 0.5 + 0.5 * np.cos(np.pi * np.arange(150) / 150)
     frequency_hz = np.arange(plain.share.shape[1]) * plain.step_hz
@@ -248,8 +245,8 @@ def squares(values, frequency_hz, rate_hz, n_harmonics):
 
 
 def refine(frequency_hz, values):
-    rhythm = measure_rhythms([[values]], 40.0)
-    return refine_on_harmonics(frequency_hz, rhythm.share[0, :1], rhythm.step_hz)
+    rhythm = gait_frequency.measure_rhythms([[values]], 40.0)
+    return gait_frequency.refine_on_harmonics(frequency_hz, rhythm.share[0, :1], rhythm.step_hz)
 
 
 @pytest.mark.parametrize("frequency_hz", [0.93, 1.87, 2.3])
@@ -272,8 +269,8 @@ def test_a_frequency_outside_the_search_stays():
 def test_sets_of_rows_are_measured_together_as_alone_e33():
     rng = np.random.default_rng(1)
     sets = [rng.standard_normal((90, 5)), 30.0 * rng.standard_normal((90, 3))]
-    together = measure_rhythms([sets], 40.0)
+    together = gait_frequency.measure_rhythms([sets], 40.0)
     for n, values in enumerate(sets):
-        alone, own = measure_rhythms([[values]], 40.0), slice(2 * n, 2 * n + 2)
+        alone, own = gait_frequency.measure_rhythms([[values]], 40.0), slice(2 * n, 2 * n + 2)
         np.testing.assert_allclose(together.likeness[:, own], alone.likeness, atol=1e-12)
         np.testing.assert_allclose(together.share[:, own], alone.share, atol=1e-12 * alone.share.max())

@@ -7,21 +7,8 @@ import pytest
 
 import doppelgait.features as feature_layer
 from doppelgait.core.rng import Streams
-from doppelgait.features import Extraction, GaitFeatures
+from doppelgait.features import Extraction, GaitFeatures, uncertainty
 from doppelgait.features.doppler import width_of_bins
-from doppelgait.features.uncertainty import (
-    HARMONIC_FACTOR,
-    RATIO_FACTOR,
-    VELOCITY_LEAST_MPS,
-    Periods,
-    estimate_bandwidth_sd,
-    estimate_harmonic_ratio_sd,
-    estimate_ratio_sd,
-    estimate_uncertainties,
-    estimate_velocity_sd,
-    flag_uncertain_features,
-    frequency_sd_hz,
-)
 from doppelgait.motion.models import human_gait
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.processing import Analysis
@@ -36,7 +23,7 @@ def periods_with(phase_rad, rows=None, frequency_hz=2.0):
     shape = np.array([1.0, 0.5, 0.2])[:, None] * np.exp(2j * np.pi * rng.random((3, 20))) if rows is None else rows
     turned = np.exp(1j * np.arange(1, 4) * np.asarray(phase_rad)[:, None])[:, :, None] * shape
     centre_s = (np.arange(len(phase_rad)) + 0.5) / frequency_hz
-    return Periods(turned, np.ones((len(phase_rad), 20)), centre_s, frequency_hz)
+    return uncertainty.Periods(turned, np.ones((len(phase_rad), 20)), centre_s, frequency_hz)
 
 
 def test_frequency_sd_is_that_of_the_rate_of_the_phases():
@@ -44,12 +31,14 @@ def test_frequency_sd_is_that_of_the_rate_of_the_phases():
     periods = periods_with(phase)
     (slope, _), cov = np.polyfit(periods.centre_s, phase, 1, cov=True)
     share = np.sqrt(0.25 * slope**2 + cov[0, 0]) / (2 * np.pi * 2.0)
-    assert frequency_sd_hz(periods, 4.0) == pytest.approx(2.0 * np.hypot(share, np.hypot(0.4 / 16, 0.0025)), rel=0.03)
+    assert uncertainty.frequency_sd_hz(periods, 4.0) == pytest.approx(
+        2.0 * np.hypot(share, np.hypot(0.4 / 16, 0.0025)), rel=0.03
+    )
 
 
 @pytest.mark.parametrize(("n", "share"), [(3, 0.05), (24, 0.006), (40, 0.02), (40, 0.05)])
 def test_frequency_that_the_phases_contradict_is_uncertain(n, share):
-    late = frequency_sd_hz(periods_with(2 * np.pi * share * np.arange(n)), float(n))
+    late = uncertainty.frequency_sd_hz(periods_with(2 * np.pi * share * np.arange(n)), float(n))
     assert late / 2.0 == pytest.approx(np.hypot(share / 2, np.hypot(0.4 / n**2, 0.0025)), rel=0.01)
 
 
@@ -59,10 +48,10 @@ def test_harmonic_ratio_sd_is_that_of_two_straight_lines():
     shape = np.exp(2j * np.pi * rng.random((3, 20)))
     harmonics = np.exp(1j * np.arange(1, 4) * late)[:, :, None] * shape
     centre_s = (np.arange(25) + 0.5) / 2.0
-    found = estimate_harmonic_ratio_sd(Periods(harmonics, np.ones((25, 20)), centre_s, 2.0), 2)
+    found = uncertainty.estimate_harmonic_ratio_sd(uncertainty.Periods(harmonics, np.ones((25, 20)), centre_s, 2.0), 2)
     # ratio = h (1 + (slope_h - slope_1) / (2 pi f)), slopes of the phase in terms of the fundamental
     variance = sum(np.polyfit(centre_s, late[:, h], 1, cov=True)[1][0, 0] for h in (0, 1))
-    assert found == pytest.approx(HARMONIC_FACTOR * 2 * np.sqrt(variance) / (2 * np.pi * 2.0), rel=0.02)
+    assert found == pytest.approx(uncertainty.HARMONIC_FACTOR * 2 * np.sqrt(variance) / (2 * np.pi * 2.0), rel=0.02)
 
 
 def test_ratio_sd_is_that_of_a_mean_over_periods():
@@ -71,8 +60,8 @@ def test_ratio_sd_is_that_of_a_mean_over_periods():
     periods.harmonics[:] *= strength[:, None, None]
     energy = 20 * (1.0 + 0.25 + 0.04)
     each = strength * np.sqrt(4 * energy / 20.0)
-    assert estimate_ratio_sd(periods) == pytest.approx(
-        np.hypot(RATIO_FACTOR * each.std(ddof=1) / np.sqrt(12), 0.05 * each.mean() / 12), rel=0.01
+    assert uncertainty.estimate_ratio_sd(periods) == pytest.approx(
+        np.hypot(uncertainty.RATIO_FACTOR * each.std(ddof=1) / np.sqrt(12), 0.05 * each.mean() / 12), rel=0.01
     )
 
 
@@ -85,7 +74,7 @@ def test_velocity_sd_of_independent_columns():
         evidence = evidence_of(line_at(1.5 + rng.normal(scale=0.1, size=T.size), k=255), 1.5)
         for frequency_hz in (2.0, 3.0, 5.0, None):
             observed = with_extraction(evidence, extraction_of(1.5, frequency_hz))
-            found.append(estimate_velocity_sd([observed])[0] ** 2 - VELOCITY_LEAST_MPS**2)
+            found.append(uncertainty.estimate_velocity_sd([observed])[0] ** 2 - uncertainty.VELOCITY_LEAST_MPS**2)
     # Cauchy weights with this tuning are 95 % efficient on Gaussian errors
     assert np.sqrt(np.mean(found)) == pytest.approx(wanted / np.sqrt(0.95), rel=0.12)
 
@@ -94,10 +83,10 @@ def test_velocity_sd_ignores_what_repeats_in_every_period():
     swing = 0.2 * np.sin(2 * np.pi * 2.0 * T)
     observed = with_extraction(evidence_of(line_at(1.5 + swing), 1.5), extraction_of(1.5, 2.0))
     ripple = np.sqrt(np.mean(observed.torso_ripple_mps**2))
-    (alone,) = estimate_velocity_sd([observed])
-    assert alone == pytest.approx(np.hypot(0.05 * ripple, VELOCITY_LEAST_MPS), rel=0.3)
+    (alone,) = uncertainty.estimate_velocity_sd([observed])
+    assert alone == pytest.approx(np.hypot(0.05 * ripple, uncertainty.VELOCITY_LEAST_MPS), rel=0.3)
     other = with_extraction(evidence_of(line_at(1.5 + swing), 1.5), extraction_of(1.5, 3.1))
-    assert estimate_velocity_sd([observed, other])[1] > 1.5 * alone
+    assert uncertainty.estimate_velocity_sd([observed, other])[1] > 1.5 * alone
 
 
 def test_bandwidth_sd_is_a_jackknife_over_groups_of_periods():
@@ -111,7 +100,7 @@ def test_bandwidth_sd_is_a_jackknife_over_groups_of_periods():
     without = [width_of_bins(above.mean(axis=0)) * bin_mps for above in kept]
     scatter = np.sqrt(7 / 8 * ((without - np.mean(without)) ** 2).sum())
     wanted = np.sqrt(scatter**2 + 2 * bin_mps**2 / 12) / observed.mps_per_hz
-    assert estimate_bandwidth_sd([observed]) == pytest.approx([wanted], rel=1e-6)
+    assert uncertainty.estimate_bandwidth_sd([observed]) == pytest.approx([wanted], rel=1e-6)
     assert scatter > 2 * bin_mps
 
 
@@ -123,7 +112,7 @@ def swinging():
 
 
 def test_step_length_sd_adds_relative_variances_and_the_third_harmonic_has_none():
-    (found,) = estimate_uncertainties([with_extraction(*swinging())])
+    (found,) = uncertainty.estimate_uncertainties([with_extraction(*swinging())])
     share = np.hypot(found["torso_velocity_mps"] / 1.5, found["gait_frequency_hz"] / 2.0)
     assert found["step_length_m"] == pytest.approx(0.75 * share)
     assert found["harmonic_ratio_3"] is None
@@ -137,7 +126,7 @@ def test_step_length_sd_adds_relative_variances_and_the_third_harmonic_has_none(
 def test_no_signal_and_few_periods_have_no_uncertainty():
     evidence, extraction = swinging()
     torso_hz = extraction.torso_doppler_hz
-    nothing, slow, without = estimate_uncertainties(
+    nothing, slow, without = uncertainty.estimate_uncertainties(
         [
             with_extraction(evidence, Extraction(GaitFeatures(), None, None, None)),
             with_extraction(evidence, Extraction(extraction.features, 2.9 / 5.0, torso_hz, 2.9)),
@@ -152,12 +141,12 @@ def test_no_signal_and_few_periods_have_no_uncertainty():
 def test_flags_name_what_is_known_only_roughly():
     _, extraction = swinging()
     sd = {"gait_frequency_hz": 0.11, "step_length_m": 0.01, "torso_velocity_mps": None, "limb_torso_ratio": 0.13}
-    assert flag_uncertain_features(extraction, sd) == (
+    assert uncertainty.flag_uncertain_features(extraction, sd) == (
         "gait_frequency_hz:uncertain_by_more_than_5_per_cent",
         "limb_torso_ratio:uncertain_by_more_than_20_per_cent",
     )
     receding = Extraction(GaitFeatures(torso_velocity_mps=-1.5), None, -73.0, None)
-    assert flag_uncertain_features(receding, {"torso_velocity_mps": 0.2}) == ()
+    assert uncertainty.flag_uncertain_features(receding, {"torso_velocity_mps": 0.2}) == ()
 
 
 def observations(monkeypatch, rcs, count=24):
@@ -176,7 +165,7 @@ def observations(monkeypatch, rcs, count=24):
         made = simulate(scene, radar, rng=Streams(20, n), snr_db=15.0, angles=False)
         truth = made.truth[0]
         analyze(made, gate="truth", analysis=Analysis(hop=8))
-        (sd,) = estimate_uncertainties([with_extraction(*kept[-1])])
+        (sd,) = uncertainty.estimate_uncertainties([with_extraction(*kept[-1])])
         found = kept[-1][1]
         yield (
             (found.features.torso_velocity_mps - truth.centre_velocity_mps.mean()) / sd["torso_velocity_mps"],

@@ -9,6 +9,7 @@ import struct
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,47 +34,42 @@ def _seed(target: str, folder: Path, number: int = 0) -> None:
         file.rename(folder / file.name)
 
 
-# ---- texts: patterns, numbers, nesting
+def by(write: Callable[..., str]) -> Callable[..., Callable[[Callable[..., Any]], Attack]]:
+    """Make a decorator of what ``write(folder, change, ...)`` takes after the function that it decorates."""
+
+    def take(*arguments: Any) -> Callable[[Callable[..., Any]], Attack]:
+        def register(change: Callable[..., Any]) -> Attack:
+            make = partial(write, change=change, arguments=arguments)
+            ATTACKS[change.__name__] = make
+            return make
+
+        return register
+
+    return take
 
 
-def edited(target: str, file: str, number: int = 0) -> Callable[[Callable[[str], str]], Attack]:
+@by
+def edited(folder: Path, change: Callable[[str], str], arguments: Any) -> str:
     """A seed of a target with a function of the text of one of its files."""
-
-    def register(change: Callable[[str], str]) -> Attack:
-        def make(folder: Path) -> str:
-            _seed(target, folder, number)
-            (folder / file).write_text(change((folder / file).read_text()))
-            return target
-
-        make.__name__ = change.__name__
-        return attack(make)
-
-    return register
+    target, file, *number = arguments
+    _seed(target, folder, *number)
+    (folder / file).write_text(change((folder / file).read_text()))
+    return str(target)
 
 
-def written(target: str, file: str) -> Callable[[Callable[[], str]], Attack]:
+@by
+def written(folder: Path, change: Callable[[], str], arguments: Any) -> str:
     """A text alone."""
-
-    def register(make_text: Callable[[], str]) -> Attack:
-        def make(folder: Path) -> str:
-            (folder / file).write_text(make_text())
-            return target
-
-        make.__name__ = make_text.__name__
-        return attack(make)
-
-    return register
+    target, file = arguments
+    (folder / file).write_text(change())
+    return str(target)
 
 
-def points(make_facts: Callable[[], dict[str, Any]]) -> Attack:
+@by
+def points(folder: Path, change: Callable[[], dict[str, Any]], arguments: Any) -> str:
     """Points of a body in an npz file, with a rate or names of their own."""
-
-    def make(folder: Path) -> str:
-        np.savez(folder / "a.npz", **{"positions": body(), "rate_hz": 50.0, "units": "m", **make_facts()})
-        return "motion-arrays"
-
-    make.__name__ = make_facts.__name__
-    return attack(make)
+    np.savez(folder / "a.npz", **{"positions": body(), "rate_hz": 50.0, "units": "m", **change()})
+    return "motion-arrays"
 
 
 @written("motion-table", "a.csv")
@@ -119,19 +115,19 @@ def points_of_large_numbers() -> str:
     return "x,y,doppler,track,time\n" + f"{'9' * 400},1,1,1,0\n0,1,1,1,1\n"
 
 
-@points
+@points()
 def names_of_digits() -> dict[str, Any]:
     return {"names": np.array(["1" * 400_000 + "x", *"bcdefghijkl"])}
 
 
-@points
+@points()
 def names_of_no_characters() -> dict[str, Any]:
     names = np.array(["abcd"] * 12)
     names.view("u4")[5] = 2**31
     return {"names": names}
 
 
-@points
+@points()
 def frame_rate_of_almost_nothing() -> dict[str, Any]:
     return {"rate_hz": 1e-308}
 
@@ -188,55 +184,31 @@ def sigmf_without_ranges(text: str) -> str:
     return json.dumps(content)
 
 
-# ---- HDF5
-
-
-def _hdf5(path: Path, change: Callable[[Any], object]) -> None:
+@by
+def members(folder: Path, change: Callable[[Any], object], arguments: Any) -> str:
+    """A seed of a target whose HDF5 file is changed by its members."""
     import h5py
 
-    with h5py.File(path, "r+") as file:
+    _seed(arguments[0], folder, *arguments[1:])
+    with h5py.File(next(path for path in folder.iterdir() if path.suffix in (".h5", ".mat")), "r+") as file:
         change(file)
+    return str(arguments[0])
 
 
-def members(target: str, number: int = 0) -> Callable[[Callable[[Any], object]], Attack]:
-    """A seed of a target whose HDF5 file is changed by its members."""
-
-    def register(change: Callable[[Any], object]) -> Attack:
-        def make(folder: Path) -> str:
-            _seed(target, folder, number)
-            _hdf5(next(path for path in folder.iterdir() if path.suffix in (".h5", ".mat")), change)
-            return target
-
-        make.__name__ = change.__name__
-        return attack(make)
-
-    return register
-
-
-def content(target: str) -> Callable[[Callable[[bytearray], None]], Attack]:
+@by
+def content(folder: Path, change: Callable[[bytearray], None], arguments: Any) -> str:
     """A seed of a target with a function of the bytes of its HDF5 file."""
-
-    def register(change: Callable[[bytearray], None]) -> Attack:
-        def make(folder: Path) -> str:
-            _seed(target, folder)
-            damaged = bytearray((folder / "a.h5").read_bytes())
-            change(damaged)
-            (folder / "a.h5").write_bytes(damaged)
-            return target
-
-        make.__name__ = change.__name__
-        return attack(make)
-
-    return register
+    _seed(arguments[0], folder)
+    damaged = bytearray((folder / "a.h5").read_bytes())
+    change(damaged)
+    (folder / "a.h5").write_bytes(damaged)
+    return str(arguments[0])
 
 
 @members("radar-acconeer")
 def gzip_in_acconeer_text(file: Any) -> None:
     del file["sessions/session_0/session_config"]
     file.create_dataset("sessions/session_0/session_config", (1,), "S2000000000", chunks=(1,), compression="gzip")
-
-
-# ---- what small files unpack to
 
 
 @attack
@@ -308,9 +280,6 @@ def xethru_meta_that_lists_a_file_often(folder: Path) -> str:
     meta.write_bytes(pack_meta(replace(parsed, file_names=parsed.file_names + (name,) * 3000)))
     (meta.parent / name).write_bytes((meta.parent / name).read_bytes() * 2000)
     return "radar-xethru"
-
-
-# ---- types of values and texts that make the HDF5 library write or allocate beyond measure
 
 
 @content("radar-own")

@@ -34,8 +34,6 @@ def _main(folder: Path, *endings: str) -> Path:
     return next(path for path in sorted(folder.iterdir()) if path.name.endswith(endings))
 
 
-# ---- motions
-
 NAMES = ("head", "neck", "left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_knee", "right_knee",
          "left_ankle", "right_ankle", "left_toe", "right_toe")  # fmt: skip
 FRAMES = 12
@@ -222,9 +220,6 @@ def check_motion(motion: Any) -> None:
     sizes = sizes[np.isfinite(sizes)]
     least, most = np.percentile(sizes, (60, 80)) if sizes.size else (1.0, 1.0)
     assert least > 0.02 and most < 27.0, f"a body of {least:g} to {most:g} m"
-
-
-# ---- radar recordings
 
 
 def small_recording(**facts: Any) -> Any:

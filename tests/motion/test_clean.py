@@ -37,19 +37,15 @@ def motion_of(position: np.ndarray, *, rate_hz: float = RATE_HZ, parts: list[str
     )
 
 
-def report_of(motion: Motion) -> Any:
-    return motion.report
-
-
 def test_a_complete_motion_keeps_everything_but_the_floor() -> None:
     truth = walk()
     clean = clean_motion(motion_of(truth))
     assert clean.positions.shape == truth.shape
-    shift = report_of(clean)["floor_shift_m"]
+    shift = clean.report["floor_shift_m"]
     np.testing.assert_allclose(clean.position_m, truth + shift * UP, atol=5e-4)
-    assert report_of(clean)["dropped"] == {}
+    assert clean.report["dropped"] == {}
     assert clean.facts.source == "walk.c3d"
-    json.dumps(report_of(clean), allow_nan=False)
+    json.dumps(clean.report, allow_nan=False)
 
 
 @pytest.mark.parametrize(("length", "error_m"), [(1, 1e-6), (6, 2e-5), (30, 6e-3)])
@@ -58,7 +54,7 @@ def test_short_gap_is_filled_on_the_path(length: int, error_m: float) -> None:
     holed[100 : 100 + length, 5] = np.nan
     clean = clean_motion(motion_of(holed), lowpass_hz=None, floor=False)
     np.testing.assert_allclose(clean.position_m, truth, atol=error_m)
-    facts = report_of(clean)
+    facts = clean.report
     assert (facts["gaps_filled"], facts["samples_filled"], facts["longest_gap_filled"]) == (1, length, length)
 
 
@@ -76,7 +72,7 @@ def test_a_useless_point_costs_the_point_not_the_recording(point: int, frames: s
     clean = clean_motion(motion_of(holed))
     assert clean.positions.shape == (480, 6, 3)
     assert np.isfinite(clean.position_m).all()
-    assert report_of(clean)["dropped"] == {reason: [f"m{point}"]}
+    assert clean.report["dropped"] == {reason: [f"m{point}"]}
 
 
 def test_recording_is_cropped_to_the_presence_of_the_subject() -> None:
@@ -86,8 +82,8 @@ def test_recording_is_cropped_to_the_presence_of_the_subject() -> None:
         holed[400 - 2 * p :, p] = np.nan
     clean = clean_motion(motion_of(holed), lowpass_hz=None, floor=False)
     np.testing.assert_allclose(clean.position_m, walk()[78:388], atol=1e-9)
-    assert report_of(clean)["kept_from_s"] == pytest.approx(78 / RATE_HZ)
-    assert report_of(clean)["kept_to_s"] == pytest.approx(387 / RATE_HZ)
+    assert clean.report["kept_from_s"] == pytest.approx(78 / RATE_HZ)
+    assert clean.report["kept_to_s"] == pytest.approx(387 / RATE_HZ)
     assert clean.time_s[0] == 0.0
 
 
@@ -104,14 +100,14 @@ def test_spikes_are_replaced(length: int) -> None:
     spiky = walk()
     spiky[150 : 150 + length, 3] += [0.0, 0.4, 0.0]
     clean = clean_motion(motion_of(spiky), lowpass_hz=None, floor=False)
-    assert report_of(clean)["spikes_removed"] == length
+    assert clean.report["spikes_removed"] == length
     np.testing.assert_allclose(clean.position_m, walk(), atol=1e-4)
 
 
 def test_a_fast_foot_is_no_spike() -> None:
     run = walk(speed_mps=4.0, stride_hz=1.5)
     run[:, 5:, 0] += 0.5 * np.sin(2 * np.pi * 1.5 * np.arange(480) / RATE_HZ)[:, None] * [1, -1]
-    assert report_of(clean_motion(motion_of(run)))["spikes_removed"] == 0
+    assert clean_motion(motion_of(run)).report["spikes_removed"] == 0
 
 
 @pytest.mark.parametrize("rate_hz", [60.0, 120.0, 250.0])
@@ -144,7 +140,7 @@ def test_floor_without_known_parts_is_that_of_the_lowest_points() -> None:
 
 def test_body_without_feet_stays_at_its_height() -> None:
     clean = clean_motion(motion_of(walk()[:, :3], parts=PARTS[:3]))
-    assert report_of(clean)["floor_shift_m"] == 0.0
+    assert clean.report["floor_shift_m"] == 0.0
     assert clean.facts.height_m == pytest.approx(1.7, abs=5e-3)
 
 

@@ -16,14 +16,6 @@ def person(speed_mps: float = 1.4, *, rate_hz: float = RATE_HZ, duration_s: floa
     return boulic_walk(speed_mps=speed_mps, height_m=1.75, duration_s=duration_s, rate_hz=rate_hz)
 
 
-def names_of(motion: Motion) -> list[str]:
-    return motion.markers
-
-
-def parts_of(motion: Motion) -> list[str]:
-    return motion.parts
-
-
 def noise(shape: tuple[int, ...], sd_m: float = 0.002, seed: int = 7) -> np.ndarray:
     return np.random.default_rng(seed).normal(0.0, sd_m, shape)
 
@@ -39,7 +31,7 @@ def recording(position: np.ndarray, names: list[str], parts: list[str], *, rate_
 @pytest.mark.parametrize("sd_m", [0.0, 0.002])
 def test_a_swap_is_found_where_it_is_and_undone(first: str, second: str, sd_m: float) -> None:
     walk = person()
-    names, truth = names_of(walk), walk.position_m + noise(walk.positions.shape, sd_m)
+    names, truth = walk.markers, walk.position_m + noise(walk.positions.shape, sd_m)
     i, j = names.index(first), names.index(second)
     frame = 150
     swapped = truth.copy()
@@ -50,7 +42,7 @@ def test_a_swap_is_found_where_it_is_and_undone(first: str, second: str, sd_m: f
 
 def test_swaps_that_follow_each_other_are_undone_in_turn() -> None:
     walk = person()
-    names, truth = names_of(walk), walk.position_m + noise(walk.positions.shape)
+    names, truth = walk.markers, walk.position_m + noise(walk.positions.shape)
     a, b, c = (names.index(name) for name in ("left_knee", "right_knee", "head"))
     swapped = truth.copy()
     swapped[100:, [a, b]] = swapped[100:, [b, a]]
@@ -62,7 +54,7 @@ def test_swaps_that_follow_each_other_are_undone_in_turn() -> None:
 
 def test_three_points_that_change_places_in_a_ring_are_put_back() -> None:
     walk = person()
-    names, truth = names_of(walk), walk.position_m + noise(walk.positions.shape)
+    names, truth = walk.markers, walk.position_m + noise(walk.positions.shape)
     ring = [names.index(name) for name in ("left_knee", "left_elbow", "head")]
     pairs = [names.index(name) for name in ("left_hip", "right_hand", "right_toe", "right_elbow")]
     swapped = truth.copy()
@@ -77,7 +69,7 @@ def test_three_points_that_change_places_in_a_ring_are_put_back() -> None:
 @pytest.mark.parametrize("missing", [1, 5, 10])
 def test_a_swap_across_a_gap_is_undone(missing: int) -> None:
     walk = person()
-    names, truth = names_of(walk), walk.position_m.copy()
+    names, truth = walk.markers, walk.position_m.copy()
     i, j = names.index("left_knee"), names.index("right_hand")
     truth[140 : 140 + missing, [i, j]] = np.nan
     swapped = truth.copy()
@@ -92,7 +84,7 @@ def test_a_jump_is_reported_and_left_as_it_is(step_m: float) -> None:
     walk = person()
     jumped = walk.position_m + noise(walk.positions.shape)
     jumped[200:, 3, 1] += step_m
-    before, names = jumped.copy(), names_of(walk)
+    before, names = jumped.copy(), walk.markers
     assert repair_swaps(jumped, names, rate_hz=RATE_HZ) == []
     (jump,) = find_jumps(jumped, names, rate_hz=RATE_HZ)
     assert (jump["frame"], jump["point"]) == (200, names[3])
@@ -119,12 +111,12 @@ DOGS = [quadruped_gait(gait=gait, duration_s=3.0, rate_hz=RATE_HZ) for gait in (
 @pytest.mark.parametrize("sd_m", [0.0, 0.002])
 @pytest.mark.parametrize("motion", [*WALKS, *DOGS], ids=lambda motion: str(motion.facts.gait))
 def test_clean_motions_raise_no_alarm(motion: Motion, sd_m: float) -> None:
-    position, names = motion.position_m + noise(motion.positions.shape, sd_m), names_of(motion)
+    position, names = motion.position_m + noise(motion.positions.shape, sd_m), motion.markers
     before = position.copy()
     assert repair_swaps(position, names, rate_hz=RATE_HZ) == []
     np.testing.assert_array_equal(position, before)
     assert find_jumps(position, names, rate_hz=RATE_HZ) == []
-    assert find_useless_points(position, names, parts_of(motion)) == {}
+    assert find_useless_points(position, names, motion.parts) == {}
 
 
 def test_each_useless_point_goes_for_its_own_reason() -> None:
@@ -135,7 +127,7 @@ def test_each_useless_point_goes_for_its_own_reason() -> None:
     short[40:] = np.nan
     far = np.stack([np.linspace(0, 3, n), np.full(n, 6.0), np.ones(n)], axis=1)[:, np.newaxis]
     position = np.concatenate([body, double, short, far], axis=1)
-    names, parts = [*names_of(walk), "a_double", "short", "far"], [*parts_of(walk), "", "", ""]
+    names, parts = [*walk.markers, "a_double", "short", "far"], [*walk.parts, "", "", ""]
     assert find_useless_points(position, names, parts) == {
         17: f"at the place of {names[4]}", 18: "short-lived unknown point", 19: "far away from the body"
     }  # fmt: skip
@@ -145,14 +137,14 @@ def test_each_useless_point_goes_for_its_own_reason() -> None:
         "short-lived unknown point": ["short"],
         "far away from the body": ["far"],
     }
-    assert names_of(clean) == names_of(walk)
+    assert clean.markers == walk.markers
 
 
 def test_of_two_points_at_one_place_the_better_seen_stays() -> None:
     walk = person()
     position = np.concatenate([walk.position_m, walk.position_m[:, [4]]], axis=1)
     position[:30, 4] = np.nan
-    names, parts = [*names_of(walk), "double"], [*parts_of(walk), ""]
+    names, parts = [*walk.markers, "double"], [*walk.parts, ""]
     assert find_useless_points(position, names, parts) == {4: "at the place of double"}
 
 
@@ -160,7 +152,7 @@ def test_a_named_point_is_kept_though_it_is_seen_briefly() -> None:
     walk = person()
     position = walk.position_m.copy()
     position[20:, 5] = np.nan
-    assert find_useless_points(position, names_of(walk), parts_of(walk)) == {}
+    assert find_useless_points(position, walk.markers, walk.parts) == {}
 
 
 def test_noise_alone_ends() -> None:
@@ -173,7 +165,7 @@ def test_noise_alone_ends() -> None:
 def spoilt() -> Motion:
     """A walk with one of every fault."""
     walk = person()
-    names, position = names_of(walk), walk.position_m + noise(walk.positions.shape, 0.001)
+    names, position = walk.markers, walk.position_m + noise(walk.positions.shape, 0.001)
     position = np.concatenate([position, position[:, [6]]], axis=1)
     i, j = names.index("left_knee"), names.index("right_elbow")
     position[120:, [i, j]] = position[120:, [j, i]]
@@ -181,12 +173,12 @@ def spoilt() -> Motion:
     position[200:207, 9] = np.nan
     position[:50, [2, 10]] = np.nan
     position[250:, 13, 1] += 0.1
-    return recording(position, [*names, "double"], [*parts_of(walk), ""])
+    return recording(position, [*names, "double"], [*walk.parts, ""])
 
 
 def test_one_of_every_fault_is_reported_with_its_place() -> None:
     clean = clean_motion(spoilt())
-    report, names = clean.report, names_of(person())
+    report, names = clean.report, person().markers
     assert report["swaps_repaired"] == [{"frame": 120, "points": ["left_knee", "right_elbow"]}]
     assert [(jump["frame"], jump["point"]) for jump in report["jumps"]] == [(250, names[13])]
     assert (report["spikes_removed"], report["gaps_filled"]) == (1, 2)
@@ -219,7 +211,7 @@ def test_of_two_points_seen_equally_long_the_same_one_goes_in_any_order() -> Non
         clean_motion(motion),
         clean_motion(replace(motion, positions=motion.positions.isel(marker=[3, 2, 1, 0]))),
     )
-    assert names_of(straight) == names_of(mixed)[::-1] == ["a", "c", "d"]
+    assert straight.markers == mixed.markers[::-1] == ["a", "c", "d"]
 
 
 def test_cleaning_goes_with_the_place_and_the_heading() -> None:

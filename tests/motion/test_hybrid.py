@@ -8,17 +8,7 @@ import pytest
 from scipy.optimize import minimize
 
 from doppelgait.core.config import validate
-from doppelgait.motion import Motion, blend, retarget
-from doppelgait.motion.hybrid import (
-    RUN,
-    WALK,
-    Hybrid,
-    compute_dimensionless_speed,
-    find_speed_limits,
-    find_stride_limits,
-    make_hybrid,
-    measure_foot_slide,
-)
+from doppelgait.motion import Motion, blend, hybrid, retarget
 from doppelgait.motion.loop import fit_cycle, loop
 from doppelgait.motion.models import boulic_walk, human_gait
 from doppelgait.motion.retime import travel_speed_mps
@@ -51,7 +41,7 @@ def test_speed_stride_and_size_follow_the_law(speed: float, size: float, stride:
     assert made.facts.mass_kg == pytest.approx(size**3 * walk.facts.mass_kg)
     pairs = find_rigid_pairs(walk.position_m)
     np.testing.assert_allclose(_lengths(made, pairs), size * _lengths(walk, pairs), atol=1e-3)
-    assert measure_foot_slide(made) < measure_foot_slide(walk) + 0.01
+    assert hybrid.measure_foot_slide(made) < hybrid.measure_foot_slide(walk) + 0.01
     assert made.report["hybrid"]["speed_factor"] == speed
     touch_s = made.facts.footfalls["left_foot"]
     slower = walk.facts.stride_frequency_hz / made.facts.stride_frequency_hz
@@ -102,7 +92,7 @@ def test_a_blend_lies_between_its_clips() -> None:
         mixed = blend(slow, fast, share=share)
         hz.append(mixed.facts.stride_frequency_hz)
         assert mixed.report["hybrid"]["length_error_m"] < 1e-3
-        assert measure_foot_slide(mixed) < max(map(measure_foot_slide, ends)) + 0.02
+        assert hybrid.measure_foot_slide(mixed) < max(map(hybrid.measure_foot_slide, ends)) + 0.02
         # as tall as the first: the second is scaled to it
         assert mixed.facts.height_m == pytest.approx(slow.facts.height_m, rel=0.02)
     slower = math.sqrt(slow.facts.height_m / fast.facts.height_m)
@@ -135,14 +125,14 @@ def test_points_are_matched_by_name() -> None:
 
 def test_limits_are_those_of_recordings_and_hold_the_clip() -> None:
     brisk = _walk(speed_mps=1.6)
-    now, (low, high) = compute_dimensionless_speed(brisk), find_speed_limits(brisk)
+    now, (low, high) = hybrid.compute_dimensionless_speed(brisk), hybrid.find_speed_limits(brisk)
     assert now == pytest.approx(1.6 / math.sqrt(9.81 * 0.491 * brisk.facts.height_m), rel=0.02)
     assert low == pytest.approx(0.8)
-    assert high == pytest.approx(WALK.speed[1] / now)
+    assert high == pytest.approx(hybrid.WALK.speed[1] / now)
     # a clip that is faster than all of them may be slowed down only
-    assert find_speed_limits(_walk(speed_mps=2.0))[1] == 1.0
-    assert find_speed_limits(brisk.with_facts(height_m=math.nan)) == (0.8, 1.25)
-    assert find_stride_limits(RUN)[1] == pytest.approx(math.exp(RUN.spread))
+    assert hybrid.find_speed_limits(_walk(speed_mps=2.0))[1] == 1.0
+    assert hybrid.find_speed_limits(brisk.with_facts(height_m=math.nan)) == (0.8, 1.25)
+    assert hybrid.find_stride_limits(hybrid.RUN)[1] == pytest.approx(math.exp(hybrid.RUN.spread))
 
 
 def test_restored_lengths_need_the_least_moves() -> None:
@@ -203,7 +193,9 @@ def test_the_cycle_of_a_clip_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> 
 def test_the_table_of_a_scene_is_made() -> None:
     clips = {"b.c3d": _walk(speed_mps=1.3)}
     table = {"speed_factor": 1.1, "other": {"kind": "file", "path": "b.c3d"}, "share": 0.25}
-    made = make_hybrid(_walk(), validate(Hybrid, table, where="hybrid"), lambda other: clips[other["path"]])
+    made = hybrid.make_hybrid(
+        _walk(), validate(hybrid.Hybrid, table, where="hybrid"), lambda other: clips[other["path"]]
+    )
     expected = retarget(blend(_walk(), clips["b.c3d"], share=0.25), speed_factor=1.1)
     np.testing.assert_array_equal(made.position_m, expected.position_m)
     assert (made.report["hybrid"]["share"], made.report["hybrid"]["speed_factor"]) == (0.25, 1.1)

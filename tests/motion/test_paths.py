@@ -61,9 +61,6 @@ def steady_point(speed_mps, duration_s, rate_hz=250.0, **facts):
     return make_motion(position, rate_hz=rate_hz, markers=["a", "b"], parts=["torso", "left_hand"], facts=facts)
 
 
-# --- Curve and pace -----------------------------------------------------------------------------------------------
-
-
 def test_a_curve_is_the_integral_of_its_curvature():
     curve = paths.join(
         [paths.CurveElement(1.0), paths.make_arc(0.7, 1.2), paths.CurveElement(0.5), paths.make_arc(2.0, -0.9)],
@@ -101,9 +98,6 @@ def test_the_pace_keeps_its_acceleration_and_stands_where_it_should():
         assert np.ptp(rests) == pytest.approx(stop.pause_s, abs=0.05)
     # a stop costs its pause and half of each ramp, twice
     assert s[-1] == pytest.approx(v * (t[-1] - 2.5 - 2 * ramp_s))
-
-
-# --- Straight -----------------------------------------------------------------------------------------------------
 
 
 def test_a_straight_path_gives_back_the_motion(walk, trot):
@@ -159,9 +153,6 @@ def test_another_speed_keeps_the_stride_length(walk):
         assert getattr(fast.facts, key) == pytest.approx(1.25 * getattr(walk.facts, key), rel=1e-9)
     later = np.array(fast.facts.footfalls["left_foot"]) * 1.25
     np.testing.assert_allclose(later, walk.facts.footfalls["left_foot"][: later.size], atol=1e-9)
-
-
-# --- Arc ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("turn_deg", [300, -300])
@@ -234,9 +225,6 @@ def test_the_companion_on_the_outside_goes_further_in_the_same_time(walk):
         assert scale == pytest.approx(radius_m / 2.0, rel=1e-9)
 
 
-# --- Polyline -----------------------------------------------------------------------------------------------------
-
-
 def test_a_polyline_passes_its_points_and_rounds_its_corners():
     v, r = 1.0, 0.5
     path = paths.PolylinePath(points_m=[(1, 1), (4, 1), (4, 5)], corner_radius_m=r)
@@ -262,9 +250,6 @@ def test_positions_and_velocities_are_continuous(walk, path):
     assert steps[1] < 0.3 * steps[0]
     source = np.abs(np.diff(walk.position_m, 2, axis=0)).max() * 250
     assert steps[0] < 1.5 * source  # at 250 Hz the walk itself has 0.18 m/s per frame
-
-
-# --- Stops --------------------------------------------------------------------------------------------------------
 
 
 def test_at_a_stop_everything_is_still(walk):
@@ -342,9 +327,6 @@ def test_touchdowns_are_when_their_phase_passes(walk, path):
     assert motion.facts.gait == "walk"
 
 
-# --- Turning around -----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("path", [PATHS[5], PATHS[6]], ids=["spot", "u"])
 def test_turning_around_turns_the_sign_of_the_doppler_shift(walk, path):
     motion = follow(walk, path, start_position_m=(8.0, 0.0), heading_deg=180.0)
@@ -380,8 +362,6 @@ def test_a_motion_lasts_until_its_path_ends_or_as_long_as_wanted(walk):
     assert follow(walk, paths.StraightPath(), duration_s=2.0).time_s[-1] == pytest.approx(2.0)
     follow(walk, paths.StopAndGoPath(stops=[{"at_m": 3.0, "pause_s": 1.0}, {"at_m": 6.5, "pause_s": 1.0}]))
 
-
-# --- A walk about -------------------------------------------------------------------------------------------------
 
 ROOM = {"kind": "wander", "room_m": [0, 6, -2, 2], "leg_m": [1.0, 3.0]}
 

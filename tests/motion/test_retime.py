@@ -5,18 +5,7 @@ import pytest
 
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError, MotionError
-from doppelgait.motion import make_motion
-from doppelgait.motion.retime import (
-    TURN_MARGIN,
-    Variation,
-    body_centre_m,
-    place,
-    resample,
-    scale_to_height,
-    travel_heading_rad,
-    travel_speed_mps,
-    vary,
-)
+from doppelgait.motion import make_motion, retime
 
 
 def motion_of(position, rate_hz=120.0, parts=("torso",), start_s=0.0, **facts):
@@ -35,16 +24,16 @@ def test_heights_only_scale_to_the_highest_point_where_no_stature_is_known():
     position[:, 0, 0] = np.linspace(0.0, 1.0, 40)
     position[:, 1, 2] = np.linspace(0.6, 0.8, 40)
     motion = motion_of(position, parts=("torso", "left_foot"))
-    scaled = scale_to_height(motion, height_m=0.2, mode="z_only")
+    scaled = retime.scale_to_height(motion, height_m=0.2, mode="z_only")
     assert scaled.position_m[..., 2].max() == pytest.approx(0.2)
     assert np.array_equal(scaled.position_m[..., 0], position[..., 0])
     with pytest.raises(MotionError, match="height is unknown"):
-        scale_to_height(motion, height_m=0.2)
+        retime.scale_to_height(motion, height_m=0.2)
 
 
 def test_velocity_of_a_swinging_marker_after_resampling_e02():
     wanted_s = np.arange(0, 2.9, 1e-3)
-    position, velocity = resample(swing(), wanted_s)
+    position, velocity = retime.resample(swing(), wanted_s)
     inner = slice(200, -200)
     peak = 0.3 * 4 * np.pi
     error = velocity[inner, 0, 0] - peak * np.cos(4 * np.pi * wanted_s[inner])
@@ -54,7 +43,7 @@ def test_velocity_of_a_swinging_marker_after_resampling_e02():
 
 def test_velocity_is_the_derivative_of_position_and_continuous_e02():
     wanted_s = np.arange(0, 2.9, 1e-4)
-    position, velocity = resample(swing(), wanted_s)
+    position, velocity = retime.resample(swing(), wanted_s)
     np.testing.assert_allclose(np.gradient(position[:, 0, 0], 1e-4)[2:-2], velocity[2:-2, 0, 0], atol=1e-4)
     # C2: no staircase, so no lines at multiples of 120 Hz
     spectrum = np.abs(np.fft.rfft((velocity[5000:25000, 0, 0]) * np.hanning(20000)))
@@ -65,7 +54,7 @@ def test_velocity_is_the_derivative_of_position_and_continuous_e02():
 def test_resampling_starts_at_the_first_frame_whatever_its_time():
     t = np.arange(0, 1, 0.01)
     late = motion_of(np.stack([t, 0 * t, 0 * t], axis=-1)[:, None], 100.0, start_s=7.0)
-    position, velocity = resample(late, [0.0, 0.5])
+    position, velocity = retime.resample(late, [0.0, 0.5])
     np.testing.assert_allclose(position[:, 0, 0], [0, 0.5], atol=1e-12)
     np.testing.assert_allclose(velocity[:, 0, 0], 1.0)
 
@@ -74,18 +63,18 @@ def test_body_centre_is_that_of_the_torso_or_of_all_points():
     position = np.zeros((5, 3, 3))
     position[:, 0], position[:, 1], position[:, 2] = [1, 0, 1], [3, 0, 1], [8, 0, 4]
     torso = motion_of(position, parts=("torso", "torso", "left_hand"))
-    np.testing.assert_allclose(body_centre_m(torso), np.tile([2, 0, 1], (5, 1)))
+    np.testing.assert_allclose(retime.body_centre_m(torso), np.tile([2, 0, 1], (5, 1)))
     unknown = motion_of(position, parts=("", "", "left_hand"))
-    np.testing.assert_allclose(body_centre_m(unknown), np.tile([4, 0, 2], (5, 1)))
+    np.testing.assert_allclose(retime.body_centre_m(unknown), np.tile([4, 0, 2], (5, 1)))
 
 
 def test_travel_of_a_walk_and_of_a_body_in_place():
     t = np.arange(0, 2.0001, 0.01)
     walk = motion_of(np.stack([0.6 * t, -0.8 * t, 1 + 0 * t], axis=-1)[:, None], 100.0)
-    assert travel_speed_mps(walk) == pytest.approx(1.0)
-    assert travel_heading_rad(walk) == pytest.approx(np.arctan2(-0.8, 0.6))
+    assert retime.travel_speed_mps(walk) == pytest.approx(1.0)
+    assert retime.travel_heading_rad(walk) == pytest.approx(np.arctan2(-0.8, 0.6))
     assert walk.duration_s == pytest.approx(2.0)
-    assert travel_heading_rad(swing()) == 0.0
+    assert retime.travel_heading_rad(swing()) == 0.0
 
 
 def test_place_turns_and_moves_rigidly():
@@ -93,9 +82,9 @@ def test_place_turns_and_moves_rigidly():
     t = np.arange(0, 2.0001, 0.01)
     position = np.stack([0.6 * t, 0.8 * t, 1 + 0 * t], axis=-1)[:, None] + rng.normal(0, 0.3, (1, 4, 3))
     walk = motion_of(position, 100.0, parts=("torso", "torso", "left_hand", "head"))
-    placed = place(walk, position_m=(7.0, -3.0), heading_deg=120.0, at_s=0.5)
-    np.testing.assert_allclose(body_centre_m(placed)[50, :2], [7, -3], atol=1e-12)
-    assert np.degrees(travel_heading_rad(placed)) == pytest.approx(120)
+    placed = retime.place(walk, position_m=(7.0, -3.0), heading_deg=120.0, at_s=0.5)
+    np.testing.assert_allclose(retime.body_centre_m(placed)[50, :2], [7, -3], atol=1e-12)
+    assert np.degrees(retime.travel_heading_rad(placed)) == pytest.approx(120)
     np.testing.assert_array_equal(placed.position_m[..., 2], walk.position_m[..., 2])
     shape = position[3] - position[3, :1]
     turned = placed.position_m[3] - placed.position_m[3, :1]
@@ -110,7 +99,7 @@ def test_scaling_is_about_the_floor_below_the_start_e01(mode):
     t = np.arange(0, 1, 0.01)
     position = np.stack([5 + t, -2 + 0 * t, 1.2 + 0 * t], axis=-1)[:, None]
     motion = motion_of(position, 100.0, height_m=1.8, mass_kg=80.0)
-    scaled = scale_to_height(motion, height_m=0.9, mode=mode)
+    scaled = retime.scale_to_height(motion, height_m=0.9, mode=mode)
     np.testing.assert_allclose(scaled.position_m[0, 0], [5, -2, 0.6])
     np.testing.assert_allclose(scaled.position_m[-1, 0], [5 + 0.99 / 2, -2, 0.6])
     assert scaled.facts.mass_kg == pytest.approx(10.0)
@@ -122,7 +111,7 @@ def test_dynamically_similar_scaling_slows_time_and_footfalls_e01():
     position = np.stack([t, 0 * t, 1 + 0 * t], axis=-1)[:, None]
     facts = {"height_m": 1.0, "step_frequency_hz": 2.0, "footfalls": {"left_foot": [3.2, 3.7]}}
     motion = motion_of(position, 100.0, start_s=3.0, **facts)
-    scaled = scale_to_height(motion, height_m=0.25, mode="froude")
+    scaled = retime.scale_to_height(motion, height_m=0.25, mode="froude")
     times = scaled.time_s
     assert times[0] == 3.0
     assert times[-1] == pytest.approx(3 + 0.99 / 2)
@@ -130,12 +119,12 @@ def test_dynamically_similar_scaling_slows_time_and_footfalls_e01():
     assert scaled.facts.step_frequency_hz == 4.0
     assert scaled.rate_hz == 200.0
     np.testing.assert_allclose(scaled.facts.footfalls["left_foot"], [3.1, 3.35])
-    assert travel_speed_mps(scaled) == pytest.approx(0.5)
+    assert retime.travel_speed_mps(scaled) == pytest.approx(0.5)
 
 
 def test_scaling_needs_the_recorded_height_e01():
     position = np.ones((10, 1, 3))
-    scaled = scale_to_height(motion_of(position), height_m=1.5, recorded_height_m=0.5)
+    scaled = retime.scale_to_height(motion_of(position), height_m=1.5, recorded_height_m=0.5)
     assert scaled.position_m[0, 0, 2] == pytest.approx(3.0)
 
 
@@ -143,8 +132,8 @@ def test_scaling_needs_the_recorded_height_e01():
 def test_a_gap_elsewhere_does_not_spread_to_the_whole_motion(gap):
     motion = swing()
     motion.position_m[gap] = np.nan
-    scaled = scale_to_height(motion, height_m=1.5, recorded_height_m=1.0)
-    placed = place(motion, position_m=(2.0, 0.0), heading_deg=30.0, at_s=0.0)
+    scaled = retime.scale_to_height(motion, height_m=1.5, recorded_height_m=1.0)
+    placed = retime.place(motion, position_m=(2.0, 0.0), heading_deg=30.0, at_s=0.0)
     for result in (scaled, placed):
         np.testing.assert_array_equal(np.isnan(result.position_m), np.isnan(motion.position_m))
 
@@ -152,24 +141,26 @@ def test_a_gap_elsewhere_does_not_spread_to_the_whole_motion(gap):
 @pytest.mark.parametrize("at_s", [0.0, 0.5, 1.0 / 120, 1.234, 359 / 120, 99.0])
 def test_the_body_is_placed_by_interpolating_its_centre(at_s):
     motion = swing()
-    placed = place(motion, position_m=(2.0, -1.0), heading_deg=0.0, at_s=at_s)
-    times, centre = placed.time_s, body_centre_m(placed)
+    placed = retime.place(motion, position_m=(2.0, -1.0), heading_deg=0.0, at_s=at_s)
+    times, centre = placed.time_s, retime.body_centre_m(placed)
     at = [np.interp(at_s, times, centre[:, axis]) for axis in (0, 1)]
     np.testing.assert_allclose(at, [2.0, -1.0], atol=1e-12)
 
 
 def test_a_single_frame_can_be_placed_and_scaled():
     motion = motion_of(np.array([[[0.3, 0.4, 1.0]]]))
-    np.testing.assert_allclose(place(motion, position_m=(2, 1), heading_deg=0, at_s=0).position_m, [[[2.0, 1.0, 1.0]]])
-    scaled = scale_to_height(motion, height_m=2.0, recorded_height_m=1.0)
+    np.testing.assert_allclose(
+        retime.place(motion, position_m=(2, 1), heading_deg=0, at_s=0).position_m, [[[2.0, 1.0, 1.0]]]
+    )
+    scaled = retime.scale_to_height(motion, height_m=2.0, recorded_height_m=1.0)
     np.testing.assert_allclose(scaled.position_m, [[[0.3, 0.4, 2.0]]])
 
 
 def test_travel_speed_over_the_first_seconds():
     t = np.arange(0, 3, 1 / 120)
     motion = motion_of(np.stack([t + 0.5 * t**2, 0 * t, 1 + 0 * t], axis=-1)[:, None])
-    assert travel_speed_mps(motion, first_s=1.0) == pytest.approx(1.5)
-    assert travel_speed_mps(motion) == pytest.approx(1 + 0.5 * t[-1])
+    assert retime.travel_speed_mps(motion, first_s=1.0) == pytest.approx(1.5)
+    assert retime.travel_speed_mps(motion) == pytest.approx(1 + 0.5 * t[-1])
 
 
 @pytest.fixture(scope="module")
@@ -183,12 +174,12 @@ def trot():
 
 
 def varied(motion, seed=0, **amounts):
-    return vary(motion, Variation(**amounts), np.random.default_rng(seed))
+    return retime.vary(motion, retime.Variation(**amounts), np.random.default_rng(seed))
 
 
 def about_trunk(motion, marker):
     """A point's place along the way, from the body centre's."""
-    return motion.position_m[:, motion.markers.index(marker), 0] - body_centre_m(motion)[:, 0]
+    return motion.position_m[:, motion.markers.index(marker), 0] - retime.body_centre_m(motion)[:, 0]
 
 
 def strongest_hz(values, rate_hz):
@@ -200,15 +191,15 @@ def strongest_hz(values, rate_hz):
 def test_no_amount_changes_nothing(name, request):
     motion = request.getfixturevalue(name)
     same = varied(motion)
-    later_s = np.arange(same.n_frames) / motion.rate_hz + TURN_MARGIN / motion.facts.stride_frequency_hz
-    assert np.allclose(same.position_m, resample(motion, later_s)[0], atol=1e-12)
+    later_s = np.arange(same.n_frames) / motion.rate_hz + retime.TURN_MARGIN / motion.facts.stride_frequency_hz
+    assert np.allclose(same.position_m, retime.resample(motion, later_s)[0], atol=1e-12)
     assert same.facts.stride_frequency_hz == motion.facts.stride_frequency_hz
 
 
 @pytest.mark.parametrize("pace", [0.8, 1.25])
 def test_pace_changes_the_rhythm_and_neither_speed_nor_the_standing_of_feet(walk, pace):
     found = varied(walk, pace=pace)
-    assert travel_speed_mps(found) == pytest.approx(travel_speed_mps(walk), rel=0.01)
+    assert retime.travel_speed_mps(found) == pytest.approx(retime.travel_speed_mps(walk), rel=0.01)
     new_hz = walk.facts.stride_frequency_hz * pace
     assert found.facts.stride_frequency_hz == pytest.approx(new_hz)
     assert strongest_hz(about_trunk(found, "left_ankle"), found.rate_hz) == pytest.approx(new_hz, rel=0.03)
@@ -241,16 +232,16 @@ def test_swing_has_the_wanted_factor(walk, amount, marker, factor):
 
 
 def test_ripple_and_turns_have_the_wanted_size(trot):
-    plain = body_centre_m(varied(trot))
+    plain = retime.body_centre_m(varied(trot))
     for name, times in (("ripple_once_m", 1), ("ripple_twice_m", 2)):
-        added = body_centre_m(varied(trot, **{name: 0.01})) - plain
+        added = retime.body_centre_m(varied(trot, **{name: 0.01})) - plain
         assert np.sqrt((added**2).sum(axis=1)).max() == pytest.approx(0.01, rel=0.02)
         axis = np.argmax(np.ptp(added, axis=0))
         assert strongest_hz(added[:, axis], trot.rate_hz) == pytest.approx(
             times * trot.facts.stride_frequency_hz, rel=0.03
         )
     nose = trot.markers.index("head")
-    turned = varied(trot, yaw_deg=6.0).position_m[:, nose] - body_centre_m(varied(trot, yaw_deg=6.0))
+    turned = varied(trot, yaw_deg=6.0).position_m[:, nose] - retime.body_centre_m(varied(trot, yaw_deg=6.0))
     even = varied(trot).position_m[:, nose] - plain
     angles = np.degrees(np.arctan2(turned[:, 1], turned[:, 0]) - np.arctan2(even[:, 1], even[:, 0]))
     assert np.abs(angles).max() == pytest.approx(6.0, rel=0.05)
@@ -266,7 +257,7 @@ def test_limbs_in_front_come_later(trot):
 def test_speed_stays_for_all_amounts_at_once(trot):
     amounts = {"limb_swing": 1.4, "trunk_ripple": 2.4, "pitch_deg": 6, "phase_noise": 0.05, "swing_timing": -0.12}
     found = varied(trot, pace=0.8, fore_timing=-0.08, ripple_once_m=0.015, **amounts)
-    assert travel_speed_mps(found) == pytest.approx(1.8, rel=0.03)
+    assert retime.travel_speed_mps(found) == pytest.approx(1.8, rel=0.03)
     assert np.isfinite(found.position_m).all()
     assert np.abs(np.diff(found.position_m, axis=0)).max() * found.rate_hz < 20
 

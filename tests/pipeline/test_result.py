@@ -14,18 +14,10 @@ import xarray as xr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from doppelgait import pipeline
 from doppelgait.core.errors import AnalysisError, ConfigError, OutputError
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, Signal, make_array
 from doppelgait.features.gait import GaitFeatures
-from doppelgait.pipeline import (
-    Result,
-    analyze,
-    describe_results,
-    parse_run,
-    read_results,
-    run_simulation,
-    write_results,
-)
 from doppelgait.pipeline.result import LABELLED_ARRAYS, LateArrays
 from doppelgait.pipeline.result_files import is_result_file
 from doppelgait.pipeline.target import Gated, analyze_signature, analyze_targets
@@ -45,11 +37,11 @@ ANALYSES = {
 
 @pytest.fixture(scope="module")
 def recording():
-    return run_simulation(parse_run(SCENE, where="scene"))
+    return pipeline.run_simulation(pipeline.parse_run(SCENE, where="scene"))
 
 
 def test_targets_are_analysed_together_as_alone(recording):
-    first = analyze(recording, gate="truth", analysis=Analysis(hop=10))[0]
+    first = pipeline.analyze(recording, gate="truth", analysis=Analysis(hop=10))[0]
     mu, rng = first.signature, np.random.default_rng(4)
     noise = [mu.values.max() * level * rng.exponential(size=mu.shape).astype(np.float32) for level in (0.01, 0.3)]
     still = mu.copy(data=np.broadcast_to(mu.values[:1], mu.shape).copy())
@@ -82,8 +74,8 @@ def written(recording, tmp_path_factory):
     """Results by name, each with its file."""
     folder, made = tmp_path_factory.mktemp("results"), {}
     for name, analysis in ANALYSES.items():
-        results = analyze(recording, gate="track" if name == "track" else "truth", analysis=analysis)
-        write_results(folder / f"{name}.h5", recording, results)
+        results = pipeline.analyze(recording, gate="track" if name == "track" else "truth", analysis=analysis)
+        pipeline.write_results(folder / f"{name}.h5", recording, results)
         made[name] = (folder / f"{name}.h5", results)
     return made
 
@@ -91,7 +83,7 @@ def written(recording, tmp_path_factory):
 @pytest.mark.parametrize("name", ANALYSES)
 def test_results_come_back_as_they_were(written, recording, name):
     path, results = written[name]
-    read = read_results(path)
+    read = pipeline.read_results(path)
     assert (read.source, read.radar) == (recording.source, recording.radar)
     assert read.targets == tuple(results)
     assert [target.analysis for target in read.targets] == [ANALYSES[name].resolved(name)]
@@ -106,11 +98,11 @@ def test_results_come_back_as_they_were(written, recording, name):
         assert (target.parts is None) == (name != "parts")
         if target.parts is not None:
             xr.testing.assert_identical(target.parts, result.parts)
-        assert Result.from_json(json.loads(json.dumps(result.to_json()))) == result
+        assert pipeline.Result.from_json(json.loads(json.dumps(result.to_json()))) == result
 
 
 def test_parts_are_there_where_they_were_asked_for(written, recording):
-    (plain,), (_, (result,)) = analyze(recording, gate="truth"), written["parts"]
+    (plain,), (_, (result,)) = pipeline.analyze(recording, gate="truth"), written["parts"]
     assert plain.parts is None
     assert result.features == plain.features
     assert result.flags == plain.flags
@@ -120,9 +112,9 @@ def test_parts_are_there_where_they_were_asked_for(written, recording):
         parts["share"].values
     )
     assert np.nanmedian(parts["velocity_mps"].values[0]) == pytest.approx(plain.features.torso_velocity_mps, rel=0.06)
-    (tracked,) = analyze(recording, gate="track", analysis=Analysis(parts=True))
+    (tracked,) = pipeline.analyze(recording, gate="track", analysis=Analysis(parts=True))
     assert tracked.parts["share"].values == pytest.approx(parts["share"].values, abs=0.05)
-    slow = analyze(recording, gate="truth", analysis=Analysis(parts=True, cpi_s=0.02))[0]
+    slow = pipeline.analyze(recording, gate="truth", analysis=Analysis(parts=True, cpi_s=0.02))[0]
     assert slow.parts is None
     assert slow.flags[-1] == "parts:torso_slower_than_3_doppler_cells"
 
@@ -136,17 +128,17 @@ def test_segments_share_what_they_have_in_common_on_disk(written):
 
 
 def test_the_settings_that_were_used_are_those_of_the_result(recording):
-    (tracked,) = analyze(recording)
-    (asked,) = analyze(recording, analysis=Analysis(clutter="mean"))
-    (truth,) = analyze(recording, gate="truth")
+    (tracked,) = pipeline.analyze(recording)
+    (asked,) = pipeline.analyze(recording, analysis=Analysis(clutter="mean"))
+    (truth,) = pipeline.analyze(recording, gate="truth")
     assert [one.analysis.clutter for one in (tracked, asked, truth)] == ["median", "mean", "none"]
     assert all(segment.analysis == tracked.analysis for segment in tracked.segments)
 
 
 def test_settings_that_came_back_act_as_those_that_were_used(recording):
     for gate in ("track", "truth"):
-        (result, *_) = analyze(recording, gate=gate)
-        back = Result.from_json(json.loads(json.dumps(result.to_json()))).analysis
+        (result, *_) = pipeline.analyze(recording, gate=gate)
+        back = pipeline.Result.from_json(json.loads(json.dumps(result.to_json()))).analysis
         assert [back.resolved(other) for other in ("track", "truth")] == [result.analysis] * 2
     assert Analysis().resolved("track").clutter == "median"
     assert Analysis(clutter="none").resolved("track").clutter == "none"
@@ -156,14 +148,14 @@ def test_settings_that_came_back_act_as_those_that_were_used(recording):
 @pytest.mark.parametrize("plain", [{}, [], {"label": None, "gate": "truth"}])
 def test_a_document_that_is_no_whole_result_is_one_error(plain):
     with pytest.raises(AnalysisError, match=r"this document of a result has no .*; make it with Result.to_json\(\)"):
-        Result.from_json(plain)
+        pipeline.Result.from_json(plain)
     with pytest.raises(AnalysisError, match=r"this row of a result has no .*; make it with Result.to_row\(\)"):
-        Result.from_row(plain, Analysis())
+        pipeline.Result.from_row(plain, Analysis())
 
 
 def test_what_a_row_does_not_hold_is_an_error(written):
     (result,) = written["truth"][1]
-    read = Result.from_row(result.to_row(), result.analysis, label=result.label)
+    read = pipeline.Result.from_row(result.to_row(), result.analysis, label=result.label)
     assert read.to_json(arrays=False) == result.to_json(arrays=False)
     for name in (*LABELLED_ARRAYS, "main_line_hz", "torso_velocity_mps", "gate"):
         with pytest.raises(AnalysisError, match=f"has no {name}"):
@@ -202,7 +194,7 @@ def any_results(draw, *, depth=1):
     """Results with NaN, infinity, None, empty mappings and flags, with and without arrays, gate and segments."""
     band_hz = draw(st.none() | st.tuples(st.floats(allow_nan=False), st.floats(allow_nan=False)))
     gate = Gate.fixed(1.0, draw(st.floats(1.5, 9.0)), time_s=[0.0, draw(st.floats(0.1, 9.0))])
-    return Result(
+    return pipeline.Result(
         analysis=draw(st.sampled_from([Analysis(), Analysis(clutter="mean", hop=3), Analysis(method="liland2018")])),
         label=draw(st.none() | st.just("") | WORDS),
         gate_source=draw(st.sampled_from(["truth", "track", "given"])),
@@ -226,13 +218,13 @@ def any_results(draw, *, depth=1):
 )
 def test_every_result_comes_back_exactly(result, recording, tmp_path_factory):
     path = tmp_path_factory.getbasetemp() / "any.h5"
-    write_results(path, recording, [result])
-    assert read_results(path).targets == (result,)
-    assert Result.from_json(json.loads(json.dumps(result.to_json()))) == result
-    row = Result.from_row({"id": "other column", **result.to_row()}, result.analysis, label=result.label)
+    pipeline.write_results(path, recording, [result])
+    assert pipeline.read_results(path).targets == (result,)
+    assert pipeline.Result.from_json(json.loads(json.dumps(result.to_json()))) == result
+    row = pipeline.Result.from_row({"id": "other column", **result.to_row()}, result.analysis, label=result.label)
     assert row == replace(result, arrays={}, gate_limits=None, segments=())
     columns = {"quality_flags" if name == "flags" else name: value for name, value in result.to_row().items()}
-    assert Result.from_row(columns, result.analysis, label=result.label) == row  # as in the index of a dataset
+    assert pipeline.Result.from_row(columns, result.analysis, label=result.label) == row  # as in the index of a dataset
 
 
 @given(first=any_results(), second=any_results())
@@ -251,21 +243,21 @@ def test_a_result_is_shown_in_a_few_lines(written):
     assert f"gait_frequency_hz {result.gait_frequency_hz:.4g}" in shown
     assert shown.index("step length on the ground") < shown.index("step length, radial")
     assert 2 <= len(shown.splitlines()) <= 5
-    assert repr(Result(Analysis())) == "Result of a target of unknown class, gate given"
-    assert repr(Result(Analysis(), flags=("a",), segments=(result,))).endswith("segments 1, flags a")
+    assert repr(pipeline.Result(Analysis())) == "Result of a target of unknown class, gate given"
+    assert repr(pipeline.Result(Analysis(), flags=("a",), segments=(result,))).endswith("segments 1, flags a")
 
 
 def test_results_for_no_folder_and_one_result_alone_are_refused(recording, tmp_path):
     with pytest.raises(OutputError, match=r"x\.h5: cannot be written: no such folder .*nope$"):
-        write_results(tmp_path / "nope" / "x.h5", recording, [])
+        pipeline.write_results(tmp_path / "nope" / "x.h5", recording, [])
     with pytest.raises(ConfigError, match=r"takes a list of results; write one as .*\[result\]"):
-        write_results(tmp_path / "x.h5", recording, Result(Analysis()))
+        pipeline.write_results(tmp_path / "x.h5", recording, pipeline.Result(Analysis()))
     assert not list(tmp_path.iterdir())
 
 
 def test_no_target_is_a_result_too(recording, tmp_path):
-    write_results(tmp_path / "none.h5", recording, [])
-    assert read_results(tmp_path / "none.h5").targets == ()
+    pipeline.write_results(tmp_path / "none.h5", recording, [])
+    assert pipeline.read_results(tmp_path / "none.h5").targets == ()
 
 
 DAMAGE = {
@@ -292,7 +284,7 @@ def test_damage_is_told(written, tmp_path, part):
     with h5py.File(path, "r+") as file:
         DAMAGE[part](file)
     with pytest.raises(AnalysisError, match=r"damaged\.h5: is (damaged or not|a result .* version 99)"):
-        read_results(path)
+        pipeline.read_results(path)
 
 
 def test_results_of_version_0_1_0_are_refused_with_what_to_do(tmp_path):
@@ -300,7 +292,7 @@ def test_results_of_version_0_1_0_are_refused_with_what_to_do(tmp_path):
         file.attrs.update({"format": "doppelgait-result", "format_version": 1, "source": "walk.h5", "radar": "{}"})
         file.create_group("targets/0")
     with pytest.raises(AnalysisError) as caught:
-        read_results(tmp_path / "old.h5")
+        pipeline.read_results(tmp_path / "old.h5")
     message = str(caught.value)
     assert "in format version 1; this one reads 2; make it again" in message
     assert "doppelgait analyze RECORDING -o old.h5" in message
@@ -316,16 +308,18 @@ def test_what_is_no_result_file(written, tmp_path):
     for path in (torn, text, tmp_path, tmp_path / "nothing.h5"):
         assert not is_result_file(path)
         with pytest.raises(AnalysisError, match=path.name):
-            read_results(path)
+            pipeline.read_results(path)
 
 
 def test_pauses_between_bursts_count_as_observed():
-    recording = run_simulation(parse_run({"duration_s": 0.1, "targets": [{"motion": {"kind": "boulic"}}]}))
-    assert describe_results(recording, [])["recording"]["observation_s"] == pytest.approx(0.1, rel=1e-9)
+    recording = pipeline.run_simulation(
+        pipeline.parse_run({"duration_s": 0.1, "targets": [{"motion": {"kind": "boulic"}}]})
+    )
+    assert pipeline.describe_results(recording, [])["recording"]["observation_s"] == pytest.approx(0.1, rel=1e-9)
     n = recording.n_pulses
     paused = recording.baseband.coords["slow_time"].values + 0.4 * (np.arange(n) >= n // 2)
     bursts = recording.with_baseband(recording.baseband.assign_coords(slow_time=("slow_time", paused, {"units": "s"})))
-    assert describe_results(bursts, [])["recording"]["observation_s"] == pytest.approx(0.5, rel=1e-9)
+    assert pipeline.describe_results(bursts, [])["recording"]["observation_s"] == pytest.approx(0.5, rel=1e-9)
 
 
 def test_late_arrays_are_made_once_and_when_they_are_asked_for():
@@ -352,7 +346,9 @@ def test_people_see_the_step_length_on_the_ground_first_and_doubts_next_to_value
     from doppelgait.features import GaitFeatures
 
     features = GaitFeatures(torso_velocity_mps=-1.5, step_length_m=2.06, harmonic_ratio_2=2.0)
-    sure = Result(Analysis(), features=features, gait_frequency_hz=0.745, quality={"ground_step_length_m": 2.14})
+    sure = pipeline.Result(
+        Analysis(), features=features, gait_frequency_hz=0.745, quality={"ground_step_length_m": 2.14}
+    )
     doubtful = replace(sure, flags=("low_confidence",), quality={})
     assert list(sure.shown_features)[2:4] == ["ground_step_length_m", "step_length_m"]
     assert "ground_step_length_m" not in doubtful.shown_features

@@ -3,16 +3,8 @@
 import numpy as np
 import pytest
 
+from doppelgait import processing
 from doppelgait.core.labels import NORMALISED_SIGNATURE, Signal, make_array
-from doppelgait.processing import (
-    cadence,
-    cadence_map,
-    cadence_spectrum,
-    detrend,
-    detrend_order,
-    mean_doppler_spectrum,
-    observation_s,
-)
 from doppelgait.processing.cadence import CadenceParts, compute_magnitudes, sum_powers
 
 RATE_HZ = 100.0
@@ -35,55 +27,57 @@ def wave(frequency_hz, seconds, amplitude=1.0, rate_hz=RATE_HZ):
 
 
 def test_observation_time_is_columns_times_their_spacing():
-    assert observation_s(rows_of(np.ones((250, 3)))) == pytest.approx(2.5)
+    assert processing.observation_s(rows_of(np.ones((250, 3)))) == pytest.approx(2.5)
 
 
 @pytest.mark.parametrize(
     ("seconds", "order"), [(0.3, 1), (1.0, 1), (1.3, 2), (2.0, 2), (3.0, 4), (4.0, 5), (5.0, 6), (60.0, 6)]
 )
 def test_order_of_the_detrending_e31(seconds, order):
-    assert detrend_order(seconds) == order
+    assert processing.detrend_order(seconds) == order
 
 
 def test_detrending_removes_polynomials_and_nothing_else_e31():
     t = np.linspace(-1, 1, 300)[:, None]
     polynomial = 2 - t + 3 * t**2 + 0.5 * t**3
     rows = rows_of(polynomial * np.ones((1, 3)))
-    np.testing.assert_allclose(detrend(rows, order=3).values, 0, atol=1e-12)
-    assert np.abs(detrend(rows, order=2).values).max() > 0.05
+    np.testing.assert_allclose(processing.detrend(rows, order=3).values, 0, atol=1e-12)
+    assert np.abs(processing.detrend(rows, order=2).values).max() > 0.05
     random = np.random.default_rng(0).standard_normal((300, 3))
-    once = detrend(rows_of(random), order=4)
-    np.testing.assert_allclose(detrend(once, order=4).values, once.values, atol=1e-12)
-    np.testing.assert_allclose(detrend(rows_of(random), order=0).values, random - random.mean(axis=0), atol=1e-12)
+    once = processing.detrend(rows_of(random), order=4)
+    np.testing.assert_allclose(processing.detrend(once, order=4).values, once.values, atol=1e-12)
+    np.testing.assert_allclose(
+        processing.detrend(rows_of(random), order=0).values, random - random.mean(axis=0), atol=1e-12
+    )
 
 
 def test_a_taper_does_not_change_the_amplitude_of_a_wave_e30():
     rows = rows_of(wave(10.0, 5.0, amplitude=0.8))
-    assert cadence_map(rows, tapered=True).values.max() == pytest.approx(0.4, rel=2e-3)
-    assert cadence_map(rows, tapered=False).values.max() == pytest.approx(0.4, rel=2e-3)
+    assert processing.cadence_map(rows, tapered=True).values.max() == pytest.approx(0.4, rel=2e-3)
+    assert processing.cadence_map(rows, tapered=False).values.max() == pytest.approx(0.4, rel=2e-3)
 
 
 def test_axis_runs_from_exactly_zero_to_20_hz_with_eightfold_padding_e30():
     rows = rows_of(np.ones((300, 3)))
-    padded = cadence_map(rows).coords["cadence"].values
+    padded = processing.cadence_map(rows).coords["cadence"].values
     assert padded[0] == 0
     assert 19.9 < padded[-1] <= 20.0
     assert padded[1] <= 1 / (8 * 3.0) + 1e-12
-    plain = cadence_map(rows, padded=False).coords["cadence"].values
+    plain = processing.cadence_map(rows, padded=False).coords["cadence"].values
     assert plain[1] == pytest.approx(1 / 3.0)
     np.testing.assert_allclose(plain, np.arange(plain.size) / 3.0)
 
 
 def test_zeroth_line_is_the_mean_e30():
     values = np.random.default_rng(1).random((300, 3))
-    found = cadence_map(rows_of(values), tapered=False)
+    found = processing.cadence_map(rows_of(values), tapered=False)
     np.testing.assert_allclose(found.values[0], values.mean(axis=0))
-    np.testing.assert_allclose(mean_doppler_spectrum(rows_of(values)), values.mean(axis=0))
+    np.testing.assert_allclose(processing.mean_doppler_spectrum(rows_of(values)), values.mean(axis=0))
 
 
 @pytest.mark.parametrize(("seconds", "tapered"), [(2.0, False), (3.9, False), (4.0, True), (4.1, True), (6.0, True)])
 def test_taper_is_rectangular_below_4_s_and_hann_from_there_e30(seconds, tapered):
-    found = cadence_map(rows_of(wave(10.0, seconds)))
+    found = processing.cadence_map(rows_of(wave(10.0, seconds)))
     cadence_hz = found.coords["cadence"].values
     row = found.values[:, 0] / found.values[:, 0].max()
     distance = np.abs(cadence_hz - 10.0) * seconds
@@ -100,7 +94,7 @@ def test_four_seconds_are_four_seconds_at_every_column_rate_and_start():
         for start_s in (0.0, 0.05, 0.0505, 0.3, 1.7, 12.34):
             rows = rows_of(wave(5.0, n / rate_hz, rate_hz=rate_hz), rate_hz)
             rows = rows.assign_coords(time=start_s + np.arange(n) / rate_hz)
-            found, wanted = cadence_map(rows), cadence_map(rows, tapered=True)
+            found, wanted = processing.cadence_map(rows), processing.cadence_map(rows, tapered=True)
             np.testing.assert_array_equal(found.values, wanted.values, err_msg=f"{rate_hz} Hz from {start_s} s")
 
 
@@ -114,10 +108,12 @@ def test_spectrum_and_rows_are_those_of_the_whole_map_e30_e32(n_columns, n_rows,
     parts, t = CadenceParts(plain, 2), np.arange(n_columns)[sides < 3]
     fitted = np.polynomial.polynomial.polyval(t, np.polynomial.polynomial.polyfit(t, plain.values[t], 2)).T
     np.testing.assert_allclose(parts.detrend().values[t], plain.values[t] - fitted, atol=1e-9)
-    assert cadence_map(plain.replace(0.0 * plain.values + (sides < 3)[:, None])).values[0] == pytest.approx(1.0)
-    np.testing.assert_array_equal(parts.detrend().values, detrend(plain, order=2).values)
-    whole, power = cadence_map(detrend(plain, order=2)), parts.spectrum()
-    spectrum = cadence_spectrum(whole)
+    assert processing.cadence_map(plain.replace(0.0 * plain.values + (sides < 3)[:, None])).values[0] == pytest.approx(
+        1.0
+    )
+    np.testing.assert_array_equal(parts.detrend().values, processing.detrend(plain, order=2).values)
+    whole, power = processing.cadence_map(processing.detrend(plain, order=2)), parts.spectrum()
+    spectrum = processing.cadence_spectrum(whole)
     np.testing.assert_array_equal(power.axis("cadence"), spectrum.axis("cadence"))
     np.testing.assert_allclose(power.values, spectrum.values, rtol=0, atol=1e-12 * spectrum.values.max())
     cadence_hz, found = parts.rows(np.array([1, 4]), 7.3)
@@ -139,7 +135,7 @@ def test_lowest_lines_are_those_of_the_full_transform_to_rounding(n_columns, len
     rng = np.random.default_rng(n_columns)
     values, weights = rng.standard_normal((n_columns, n_rows)), rng.uniform(0.1, 1.0, n_columns)
     compute_magnitudes(values, weights, length, n_kept)
-    for held in vars(cadence._buffers).values():  # memory that is used again leaves nothing behind
+    for held in vars(processing.cadence._buffers).values():  # memory that is used again leaves nothing behind
         held[:] = np.nan
     wanted = np.abs(np.fft.rfft(values * weights[:, None], length, axis=0)[:n_kept])
     found = compute_magnitudes(values, weights, length, n_kept)

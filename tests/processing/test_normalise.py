@@ -3,26 +3,17 @@
 import numpy as np
 import pytest
 
+from doppelgait import processing
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, SIGNATURE, make_array
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import simulate
-from doppelgait.processing import (
-    Analysis,
-    Gate,
-    count_independent_bins,
-    count_independent_columns,
-    gaussian_window,
-    noise_floor_v2,
-    normalise,
-    signature,
-)
 from doppelgait.processing.normalise import compute_median
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
-W2 = (gaussian_window(101, 0.4) ** 2).sum()
+W2 = (processing.gaussian_window(101, 0.4) ** 2).sum()
 SPACING_M = 0.05
 
 
@@ -38,9 +29,9 @@ def noise_signature(n_gate, *, seed=0, power=1e-6, doppler_bins=128, seconds=5.0
     padded[:, 1:-1] = y
     coords = {"slow_time": t, "range": SPACING_M * np.arange(n_gate + 2)}
     span_m = max((n_gate - 1) * SPACING_M, 1e-3)
-    gate = Gate.around(t, np.full(t.size, SPACING_M * (n_gate + 1) / 2), span_m=span_m, source="given")
-    sharp = Analysis(doppler_bins=doppler_bins, gate_edges="sharp")
-    mu = signature(make_array(BASEBAND, padded, coords), gate, sharp, wavelength_m=0.04)
+    gate = processing.Gate.around(t, np.full(t.size, SPACING_M * (n_gate + 1) / 2), span_m=span_m, source="given")
+    sharp = processing.Analysis(doppler_bins=doppler_bins, gate_edges="sharp")
+    mu = processing.signature(make_array(BASEBAND, padded, coords), gate, sharp, wavelength_m=0.04)
     assert mu.attrs["n_gate_bins"] == n_gate
     return mu
 
@@ -52,7 +43,7 @@ def test_independent_bins_are_counted_from_correlated_noise_e27(taps):
     share = np.correlate(taps, taps, mode="full")[len(taps) - 1 :] / np.dot(taps, taps)
     rho = np.array([[share[abs(i - j)] if abs(i - j) < share.size else 0.0 for j in range(n)] for i in range(n)])
     found = [
-        count_independent_bins(mu, noise_floor_v2(mu))
+        processing.count_independent_bins(mu, processing.noise_floor_v2(mu))
         for mu in (noise_signature(n, seed=s, echo=1e-2, taps=taps) for s in range(4))
     ]
     assert np.mean(found) == pytest.approx(n**2 / (rho**2).sum(), rel=0.06)
@@ -61,21 +52,25 @@ def test_independent_bins_are_counted_from_correlated_noise_e27(taps):
 def test_bins_are_as_stated_where_there_are_few_quiet_rows_e27():
     mu = noise_signature(6)
     full = mu.copy(data=np.where(np.arange(128) < 11, mu.values, 1.0))
-    assert count_independent_bins(full, noise_floor_v2(mu)) == 6.0
+    assert processing.count_independent_bins(full, processing.noise_floor_v2(mu)) == 6.0
 
 
 @pytest.mark.parametrize("n_gate", [1, 20, 32])
 @pytest.mark.parametrize("doppler_bins", [128, 512])
 def test_floor_of_noise_alone_e28(n_gate, doppler_bins):
     wanted = n_gate * 1e-6 * W2
-    estimates = [noise_floor_v2(noise_signature(n_gate, seed=s, doppler_bins=doppler_bins)) for s in range(4)]
+    estimates = [
+        processing.noise_floor_v2(noise_signature(n_gate, seed=s, doppler_bins=doppler_bins)) for s in range(4)
+    ]
     assert estimates == pytest.approx([wanted] * 4, rel=0.02)
 
 
 @pytest.mark.parametrize("n_gate", [1, 20, 32])
 def test_floor_is_not_raised_by_a_line_e28(n_gate):
     wanted = n_gate * 1e-6 * W2
-    estimates = [noise_floor_v2(noise_signature(n_gate, seed=s, echo=1e-2)) for s in range(4)]  # SNR 20 dB a frame
+    estimates = [
+        processing.noise_floor_v2(noise_signature(n_gate, seed=s, echo=1e-2)) for s in range(4)
+    ]  # SNR 20 dB a frame
     assert np.mean(estimates) == pytest.approx(wanted, rel=0.03)
 
 
@@ -88,24 +83,26 @@ def test_floor_is_not_raised_by_a_line_e28(n_gate):
     ],
 )
 def test_floor_under_a_walker_e28(snr_db, settings, rel):
-    analysis = Analysis(**settings)
+    analysis = processing.Analysis(**settings)
     scene = Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=4.0))])
     recording = simulate(scene, Radar.preset("x4"), rng=Streams(1), snr_db=snr_db)
-    gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, analysis)
-    mu = signature(recording.baseband, gate, analysis, wavelength_m=recording.radar.wavelength_m)
+    gate = processing.Gate.from_truth(recording.truth[0], recording.slow_time_s, analysis)
+    mu = processing.signature(recording.baseband, gate, analysis, wavelength_m=recording.radar.wavelength_m)
     n_gate = mu.attrs["n_gate_bins"] / recording.independent_bin_share  # the attribute counts independent ones
     wanted = n_gate * recording.noise_power_v2 * W2
-    assert noise_floor_v2(mu) == pytest.approx(wanted, rel=rel)
+    assert processing.noise_floor_v2(mu) == pytest.approx(wanted, rel=rel)
 
 
 def test_floor_is_practically_zero_without_noise_e28():
     scene = Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=4.0))])
     recording = simulate(scene, Radar.preset("x4"))
-    gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, Analysis())
-    mu = signature(recording.baseband, gate, Analysis(), wavelength_m=recording.radar.wavelength_m)
-    assert noise_floor_v2(mu) < 1e-5 * np.median(mu.values.max(axis=1))
+    gate = processing.Gate.from_truth(recording.truth[0], recording.slow_time_s, processing.Analysis())
+    mu = processing.signature(
+        recording.baseband, gate, processing.Analysis(), wavelength_m=recording.radar.wavelength_m
+    )
+    assert processing.noise_floor_v2(mu) < 1e-5 * np.median(mu.values.max(axis=1))
     empty = mu.copy(data=np.zeros_like(mu.values))
-    assert noise_floor_v2(empty) == 0.0
+    assert processing.noise_floor_v2(empty) == 0.0
 
 
 def small_signature(values, centre_range_m=5.0, n_gate=4):
@@ -123,33 +120,33 @@ def small_signature(values, centre_range_m=5.0, n_gate=4):
 
 def test_columns_sum_to_one_after_the_floor_is_taken_off_e28():
     mu = small_signature([[1, 5, 3], [1, 1, 9], [0.5, 1, 1]])
-    found = normalise(mu, 1.0)
+    found = processing.normalise(mu, 1.0)
     np.testing.assert_allclose(found.values, [[0, 4 / 6, 2 / 6], [0, 0, 1], [0, 0, 0]])
     assert found.attrs["units"] == "1"
     assert mu.attrs["units"] == "V^2"
 
 
 def test_columns_over_their_maximum_e28():
-    found = normalise(small_signature([[1, 5, 3], [1, 1, 9]]), 0.0, mode="max")
+    found = processing.normalise(small_signature([[1, 5, 3], [1, 1, 9]]), 0.0, mode="max")
     np.testing.assert_allclose(found.values, [[0.2, 1, 0.6], [1 / 9, 1 / 9, 1]])
 
 
 def test_fourth_power_of_range_undoes_the_radar_equation_e28():
     range_m = np.linspace(4, 8, 5)
     pattern = np.array([1.0, 3.0, 2.0])
-    found = normalise(small_signature(pattern / range_m[:, None] ** 4, range_m), 0.0, mode="r4").values
+    found = processing.normalise(small_signature(pattern / range_m[:, None] ** 4, range_m), 0.0, mode="r4").values
     np.testing.assert_allclose(found, np.tile(found[0], (5, 1)), rtol=1e-12)
     np.testing.assert_allclose(found[0] / found[0].sum(), pattern / 6)
 
 
 def test_unknown_normalisation_is_refused():
     with pytest.raises(AnalysisError, match=r"'mean'.*sum, max and r4"):
-        normalise(small_signature(np.ones((3, 3))), 0.0, mode="mean")
+        processing.normalise(small_signature(np.ones((3, 3))), 0.0, mode="mean")
 
 
 def test_independent_columns_are_60_ms_apart_e38():
-    assert count_independent_columns(noise_signature(4, seconds=3.1)) == pytest.approx(3.0 / 0.06, rel=0.01)
-    assert count_independent_columns(small_signature(np.ones((2, 3)))) == 1.0
+    assert processing.count_independent_columns(noise_signature(4, seconds=3.1)) == pytest.approx(3.0 / 0.06, rel=0.01)
+    assert processing.count_independent_columns(small_signature(np.ones((2, 3)))) == 1.0
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 2), (7, 3), (40, 25)])

@@ -24,21 +24,9 @@ from doppelgait.radar.fit import (
     measure_recording,
     pool,
 )
+from doppelgait.radar.fit import room as room_fit
 from doppelgait.radar.fit.measure import find_converter
 from doppelgait.radar.fit.pool import find_mains_harmonic
-from doppelgait.radar.fit.room import (
-    FACTS,
-    Room,
-    compute_factor_variance,
-    compute_leverage,
-    estimate_leakage,
-    find_frame_faults,
-    fit_clutter_profile,
-    fit_series,
-    fit_static_part,
-    multiply_correlation,
-    take_root,
-)
 from doppelgait.radar.impairments import apply_impairments, make_impairment
 from doppelgait.radar.link import echo_amplitude_v, list_derived_quantities, noise_power_v2
 from doppelgait.radar.simulate import label_baseband
@@ -99,7 +87,7 @@ TRUTHS = {
 }  # fmt: skip
 
 
-def measure(samples: np.ndarray, radar: Radar = RADAR) -> tuple[SensorMeasurement, Room]:
+def measure(samples: np.ndarray, radar: Radar = RADAR) -> tuple[SensorMeasurement, room_fit.Room]:
     measured = measure_recording(recording(samples, radar))
     assert measured.room is not None
     return measured, measured.room
@@ -214,7 +202,9 @@ def test_clutter_profile_is_the_mean_level_of_many_rooms() -> None:
 def test_clutter_profile_maximises_the_exponential_likelihood() -> None:
     rng = np.random.default_rng(6)
     echo = 10 ** (mean_level_db(RANGE_M) / 20) * normal(rng, RANGE_M.size)
-    found = fit_clutter_profile(echo, range_m=RANGE_M, noise_power_v2=0.0, resolution_m=RADAR.range_resolution_m)
+    found = room_fit.fit_clutter_profile(
+        echo, range_m=RANGE_M, noise_power_v2=0.0, resolution_m=RADAR.range_resolution_m
+    )
     power = np.abs(echo) ** 2
 
     def cost(level_db: np.ndarray) -> float:
@@ -231,7 +221,9 @@ def test_clutter_profile_maximises_the_exponential_likelihood() -> None:
 def test_noise_left_in_the_static_echo_is_taken_off() -> None:
     """Noise alone, -60 dB: the profile must lie far below it."""
     echo = 1e-3 * normal(np.random.default_rng(2), RANGE_M.size)
-    found = fit_clutter_profile(echo, range_m=RANGE_M, noise_power_v2=1e-6, resolution_m=RADAR.range_resolution_m)
+    found = room_fit.fit_clutter_profile(
+        echo, range_m=RANGE_M, noise_power_v2=1e-6, resolution_m=RADAR.range_resolution_m
+    )
     assert np.median(found.level_db) < -62.0
 
 
@@ -241,7 +233,7 @@ def test_level_of_the_direct_path_scatters_as_its_uncertainty_says() -> None:
     for _ in range(400):
         echo = 1e-5 * normal(rng, RANGE_M.size)
         echo[3] += 1e-3
-        found = estimate_leakage(echo, range_m=RANGE_M, noise_power_v2=1e-10)
+        found = room_fit.estimate_leakage(echo, range_m=RANGE_M, noise_power_v2=1e-10)
         levels.append(found.level_db)
     assert np.mean([e.value for e in levels]) == pytest.approx(-60.0, abs=0.01)
     assert np.std([e.value for e in levels]) == pytest.approx(levels[0].sd, rel=0.12)
@@ -262,7 +254,7 @@ def test_series_maximises_the_dense_gaussian_likelihood() -> None:
         return float(-likelihood + 0.5 * math.log(step @ inverse @ step))
 
     best = minimize(dense, np.log([1e-3, 1e-3]), method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-9})
-    found = fit_series(x, time_s=time_s)
+    found = room_fit.fit_series(x, time_s=time_s)
     assert found.walk_per_root_s.value == pytest.approx(math.exp(best.x[0] / 2), rel=2e-3)
     assert found.white.value == pytest.approx(math.exp(best.x[1] / 2), rel=2e-3)
     cov = math.exp(best.x[0]) * 0.1 * np.eye(59) + math.exp(best.x[1]) * second
@@ -274,9 +266,9 @@ def test_series_maximises_the_dense_gaussian_likelihood() -> None:
 def test_series_takes_off_what_the_measurement_adds_and_knows_a_pure_ramp() -> None:
     rng = np.random.default_rng(8)
     time_s = np.arange(4000) / 25.0
-    found = fit_series(0.05 * rng.normal(size=4000), time_s=time_s, measurement_variance=0.03**2)
+    found = room_fit.fit_series(0.05 * rng.normal(size=4000), time_s=time_s, measurement_variance=0.03**2)
     assert abs(found.white.value - 0.04) < 4 * found.white.sd
-    ramp = fit_series(0.5 * time_s, time_s=time_s)
+    ramp = room_fit.fit_series(0.5 * time_s, time_s=time_s)
     assert ramp.drift_per_s.value == pytest.approx(0.5)
     assert ramp.white.value == pytest.approx(0.0, abs=1e-9)
 
@@ -292,15 +284,15 @@ def test_leverage_and_phase_variance_equal_those_of_the_dense_covariance() -> No
             if abs(a - b) < 4:
                 dense[a, b] = rho[a - b] if a >= b else rho[b - a].conj()
     echo = normal(rng, n) * np.linspace(3, 0.5, n)
-    static = fit_static_part(np.exp(1j * rng.normal(size=40))[:, None] * echo)
+    static = room_fit.fit_static_part(np.exp(1j * rng.normal(size=40))[:, None] * echo)
     c = static.echo_v
     energy = np.vdot(c, c).real
     remove = np.eye(n) - np.outer(c, c.conj()) / energy
     left = np.real(np.diag(remove @ dense @ remove.conj().T))
-    assert compute_leverage(static, rho) == pytest.approx(1 - left, abs=1e-9)
-    assert multiply_correlation(c, rho) == pytest.approx(dense @ c)
+    assert room_fit.compute_leverage(static, rho) == pytest.approx(1 - left, abs=1e-9)
+    assert room_fit.multiply_correlation(c, rho) == pytest.approx(dense @ c)
     wanted = np.real(np.vdot(c, dense @ c)) * power / (2 * energy**2)
-    assert compute_factor_variance(static, rho, noise_power_v2=power) == pytest.approx(wanted)
+    assert room_fit.compute_factor_variance(static, rho, noise_power_v2=power) == pytest.approx(wanted)
 
 
 def breathe(samples: np.ndarray) -> None:
@@ -372,7 +364,7 @@ def test_a_kind_has_the_interference_of_half_its_recordings(struck: int, is_shar
 
 def test_missing_times_count_as_lost() -> None:
     time_s = np.delete(np.arange(200) / 10.0, [20, 21, 90])
-    faults = find_frame_faults(normal(np.random.default_rng(1), 197, 8), slow_time_s=time_s)
+    faults = room_fit.find_frame_faults(normal(np.random.default_rng(1), 197, 8), slow_time_s=time_s)
     assert faults.lost == faults.faulty == 3
     assert not faults.dropped.any()
 
@@ -480,7 +472,7 @@ def test_every_fact_is_a_row_of_json_and_sets_its_key() -> None:
         assert rows[name]["value_re_unit_db"] == pytest.approx(rows[name]["value"] + 20.0)
     assert rows["clock_jitter_ps"]["value"] == pytest.approx(WHITE_RAD / (2 * math.pi * 7.29e9) * 1e12, rel=0.2)
     tables = read_kinds(kind)
-    for name, fact in FACTS.items():
+    for name, fact in room_fit.FACTS.items():
         sets, _, key = fact.sets.partition(".")
         if name in kind.pooled and sets in tables:
             value = rows[name]["value"]
@@ -494,10 +486,10 @@ def test_estimates_convert_with_their_uncertainty() -> None:
     assert Estimate(100.0, 1.0).to_db(10.0).value == pytest.approx(20.0)
     assert Estimate(100.0, 1.0).to_db(10.0).sd == pytest.approx(10 * math.log10(1.01), rel=0.01)
     assert Estimate(0.0, 1.0).to_db(10.0).value == -math.inf
-    assert take_root(4.0, 0.1).value == pytest.approx(2.0)
-    assert take_root(4.0, 0.1).sd == pytest.approx(0.1 / 4, rel=0.02)
-    assert take_root(-1.0, 0.04).value == 0.0
-    assert take_root(-1.0, 0.04).sd == pytest.approx(0.2)
+    assert room_fit.take_root(4.0, 0.1).value == pytest.approx(2.0)
+    assert room_fit.take_root(4.0, 0.1).sd == pytest.approx(0.1 / 4, rel=0.02)
+    assert room_fit.take_root(-1.0, 0.04).value == 0.0
+    assert room_fit.take_root(-1.0, 0.04).sd == pytest.approx(0.2)
 
 
 def test_command_writes_a_preset_and_a_figure(tmp_path: Path) -> None:

@@ -61,10 +61,6 @@ FMCW = Radar.model_validate({**RADARS["fmcw"].model_dump(), "range_start_m": 1})
 AVERAGING = Radar.preset("x4", threshold_step_v=None, noise_bandwidth_hz=None, noise_correlation=())
 
 
-def n_samples(radar):
-    return radar.waveform.n_samples(radar)
-
-
 def random_samples(shape, seed=3):
     rng = np.random.default_rng(seed)
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)).astype(np.complex64)
@@ -79,7 +75,7 @@ def impaired(samples, specs, radar=X4, seed=7):
 
 
 def zeros(n_pulses, radar=X4):
-    return np.zeros((n_pulses, n_samples(radar)), np.complex64)
+    return np.zeros((n_pulses, radar.waveform.n_samples(radar)), np.complex64)
 
 
 def bins(samples, radar):

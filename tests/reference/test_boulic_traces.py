@@ -3,14 +3,7 @@
 import numpy as np
 import pytest
 
-from doppelgait.motion.models import boulic_walk, compute_boulic_points
-from doppelgait.motion.models.boulic import (
-    LEG_LENGTH,
-    compute_body_offset,
-    compute_support_fraction,
-    limb_angles_deg,
-    trunk_angles_deg,
-)
+from doppelgait.motion.models import boulic, boulic_walk, compute_boulic_points
 from doppelgait.motion.models.human_body import POINTS
 
 pytestmark = pytest.mark.shared
@@ -35,7 +28,7 @@ def test_the_points_in_place_are_those_of_the_published_program(trace):
 def test_the_compatibility_form_is_the_published_walk_but_for_its_seam(trace):
     q, height_m, cycle_s = (float(trace[key]) for key in ("rv", "height", "cycle_duration_s"))
     walk = boulic_walk(
-        speed_mps=q * LEG_LENGTH * height_m,
+        speed_mps=q * boulic.LEG_LENGTH * height_m,
         height_m=height_m,
         form="chen2011",
         rate_hz=SAMPLES / cycle_s,
@@ -60,7 +53,11 @@ def test_the_compatibility_form_is_the_published_walk_but_for_its_seam(trace):
 
 def test_the_driving_curves_are_the_published_ones(trace):
     q, phase = float(trace["rv"]), np.arange(SAMPLES) / SAMPLES
-    offset, trunk, limb = compute_body_offset(phase, q), trunk_angles_deg(phase, q), limb_angles_deg(phase, q)
+    offset, trunk, limb = (
+        boulic.compute_body_offset(phase, q),
+        boulic.trunk_angles_deg(phase, q),
+        boulic.limb_angles_deg(phase, q),
+    )
     ours = {
         "trunk_vertical_m": offset[2], "trunk_lateral_m": offset[1], "trunk_forward_m": offset[0],
         "trunk_pitch_deg": trunk["trunk_pitch"], "pelvis_list_deg": trunk["pelvic_list"],
@@ -69,4 +66,4 @@ def test_the_driving_curves_are_the_published_ones(trace):
     }  # fmt: skip
     for name, curve in zip(trace["curve_names"], trace["curves_fixed"].T, strict=True):
         np.testing.assert_allclose(ours[name], curve, rtol=0, atol=1e-9, err_msg=name)
-    assert compute_support_fraction(q) == pytest.approx(float(trace["support_fraction"]), abs=1e-12)
+    assert boulic.compute_support_fraction(q) == pytest.approx(float(trace["support_fraction"]), abs=1e-12)

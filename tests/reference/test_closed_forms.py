@@ -15,11 +15,6 @@ PRF_HZ = 1000.0
 WAVELENGTH_M = 299_792_458.0 / 7.29e9
 
 
-def moving(start_m, velocity_mps, n_pulses, prf_hz=PRF_HZ):
-    """Range of one scatterer that approaches at velocity_mps, shape (I, 1)."""
-    return start_m - velocity_mps * np.arange(n_pulses)[:, None] / prf_hz
-
-
 def wide_signature(baseband, **analysis):
     """Signature over all range bins."""
     range_m = baseband.coords["range"].values
@@ -65,7 +60,8 @@ def relative_errors(found, wanted):
 )
 def test_doppler_width_of_a_migrating_scatterer_e27(velocity_mps, sigma_ns, width_hz):
     radar = Radar.preset("x4", pulse_sigma_s=sigma_ns * 1e-9, range_start_m=2.0, range_stop_m=10.0)
-    y = synthesise(range_table(moving(6.0, velocity_mps, 150), 1.0), radar)
+    range_m = 6.0 - velocity_mps * np.arange(150)[:, None] / PRF_HZ
+    y = synthesise(range_table(range_m, 1.0), radar)
     mu = wide_signature(y, doppler_bins=4096)
     width = width_at(mu.coords["doppler"].values, mu.values.mean(axis=0).astype(float), 0.5)
     assert width == pytest.approx(width_hz, abs=0.01 * width_hz)

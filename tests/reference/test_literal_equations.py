@@ -4,18 +4,8 @@ import numpy as np
 import pytest
 
 import literal
+from doppelgait import processing
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.processing import (
-    Analysis,
-    Gate,
-    cadence_map,
-    cadence_spectrum,
-    detrend,
-    detrend_order,
-    normalise,
-    range_doppler,
-    signature,
-)
 from doppelgait.radar import Radar, echo_amplitude_v, synthesise, synthesise_rf
 from echo_table import range_table
 
@@ -67,12 +57,12 @@ def test_signature_equals_the_literal_loop_e22_e24_e27(m, k, hop, padded, n_puls
     n_bins = 9
     y = echoes_in_noise(n_pulses, n_bins)
     edges = {"method": "liland2018"} if padded else {"gate_edges": "sharp"}
-    analysis = Analysis(cpi_s=(m - 0.5) / PRF_HZ, doppler_bins=k, hop=hop, window_steepness=0.4, **edges)
+    analysis = processing.Analysis(cpi_s=(m - 0.5) / PRF_HZ, doppler_bins=k, hop=hop, window_steepness=0.4, **edges)
     # a gate of 3 bins that walks across the frame and leaves it on both sides
     slow_time_s = 0.3 + np.arange(n_pulses) / PRF_HZ
     centre_m = np.linspace(FIRST_M - 0.021, FIRST_M + 0.4317, n_pulses)
-    gate = Gate.around(slow_time_s, centre_m, span_m=0.13, source="given")
-    found = signature(labelled(y), gate, analysis, wavelength_m=WAVELENGTH_M)
+    gate = processing.Gate.around(slow_time_s, centre_m, span_m=0.13, source="given")
+    found = processing.signature(labelled(y), gate, analysis, wavelength_m=WAVELENGTH_M)
 
     h = (m - 1) // 2
     centres = range(0, n_pulses, hop) if padded else range(h, n_pulses - h, hop)
@@ -94,8 +84,10 @@ def test_signature_with_fractional_edges_weighs_cells_by_the_share_inside_e27(ho
     y = echoes_in_noise(n_pulses, n_bins)
     slow_time_s = 0.3 + np.arange(n_pulses) / PRF_HZ
     centre_m = np.linspace(FIRST_M - 0.021, FIRST_M + 0.4317, n_pulses)
-    gate = Gate.around(slow_time_s, centre_m, span_m=0.13, source="given")
-    found = signature(labelled(y), gate, Analysis(doppler_bins=128, hop=hop), wavelength_m=WAVELENGTH_M)
+    gate = processing.Gate.around(slow_time_s, centre_m, span_m=0.13, source="given")
+    found = processing.signature(
+        labelled(y), gate, processing.Analysis(doppler_bins=128, hop=hop), wavelength_m=WAVELENGTH_M
+    )
 
     window = literal.window(101, 0.4)
     for j, centre in enumerate(range(50, n_pulses - 50, hop)):
@@ -110,8 +102,8 @@ def test_signature_with_fractional_edges_weighs_cells_by_the_share_inside_e27(ho
 @pytest.mark.parametrize(("m", "k"), [(101, 101), (101, 128), (31, 512)])
 def test_range_doppler_cells_equal_the_literal_loop_e24(m, k):
     y = echoes_in_noise(m + 20, 5)
-    analysis = Analysis(cpi_s=(m - 0.5) / PRF_HZ, doppler_bins=k, hop=10)
-    found = next(range_doppler(labelled(y), analysis, wavelength_m=WAVELENGTH_M)).values
+    analysis = processing.Analysis(cpi_s=(m - 0.5) / PRF_HZ, doppler_bins=k, hop=10)
+    found = next(processing.range_doppler(labelled(y), analysis, wavelength_m=WAVELENGTH_M)).values
     w = literal.window(m, 0.4)
     h = (m - 1) // 2
     y = y.astype(np.complex128)
@@ -126,14 +118,14 @@ def test_range_doppler_cells_equal_the_literal_loop_e24(m, k):
 @pytest.mark.parametrize("padded", [True, False])
 def test_step_doppler_map_equals_the_literal_loop_e28_e30_e31_e32(k, padded):
     y = echoes_in_noise(1000, 9)
-    analysis = Analysis(doppler_bins=k, hop=20, gate_edges="sharp")
+    analysis = processing.Analysis(doppler_bins=k, hop=20, gate_edges="sharp")
     centre_m = np.full(1000, FIRST_M + 4 * SPACING_M)
-    gate = Gate.around(0.3 + np.arange(1000) / PRF_HZ, centre_m, span_m=0.23, source="given")
-    mu = signature(labelled(y), gate, analysis, wavelength_m=WAVELENGTH_M)
+    gate = processing.Gate.around(0.3 + np.arange(1000) / PRF_HZ, centre_m, span_m=0.23, source="given")
+    mu = processing.signature(labelled(y), gate, analysis, wavelength_m=WAVELENGTH_M)
     floor = 0.05 * float(mu.values.mean())
     seconds = mu.sizes["time"] * 20 / PRF_HZ  # 0.9 s
-    rows = detrend(normalise(mu, floor), order=detrend_order(seconds))
-    found = cadence_map(rows, padded=padded)
+    rows = processing.detrend(processing.normalise(mu, floor), order=processing.detrend_order(seconds))
+    found = processing.cadence_map(rows, padded=padded)
 
     centres = list(range(50, 950, 20))
     first = [int(np.ceil((4 * SPACING_M - 0.115) / SPACING_M))] * len(centres)
@@ -145,8 +137,8 @@ def test_step_doppler_map_equals_the_literal_loop_e28_e30_e31_e32(k, padded):
     assert cadence_hz[0] == 0
     wanted = literal.cadence_map(rows_literal, np.ones(len(centres)), n_fft, len(cadence_hz))
     assert literal.relative_l2(found.values, wanted) < 1e-6
-    np.testing.assert_allclose(cadence_spectrum(found), (found.values**2).sum(axis=1), rtol=1e-12)
-    np.testing.assert_allclose(cadence_spectrum(found, power=False), found.values.sum(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(processing.cadence_spectrum(found), (found.values**2).sum(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(processing.cadence_spectrum(found, power=False), found.values.sum(axis=1), rtol=1e-12)
 
 
 @pytest.mark.parametrize("decimation", [1, 8])

@@ -7,21 +7,15 @@ import pytest
 
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
-from doppelgait.scene import Scene, Target, assemble, place
-from doppelgait.scene.bodies import (
-    EDGE_M,
-    Ellipsoids,
-    build_skeleton,
-    compute_ellipsoids,
-    compute_visible_power,
-    find_own_points,
-)
+from doppelgait.scene import Scene, Target, assemble, bodies, place
 
 
 def ball(centre, radius=0.2):
     shape = (1, 1, 3)
     z = np.broadcast_to([0.0, 0.0, 1.0], shape)
-    return Ellipsoids(np.broadcast_to(centre, shape).astype(float), z.copy(), np.zeros(shape), np.full((1, 3), radius))
+    return bodies.Ellipsoids(
+        np.broadcast_to(centre, shape).astype(float), z.copy(), np.zeros(shape), np.full((1, 3), radius)
+    )
 
 
 def none_own(n_points, n_ellipsoids=1):
@@ -61,10 +55,10 @@ def test_who_is_hidden_is_what_marched_rays_say(body, aspect_deg):
     scene = Scene([Target(body, aspect_deg=aspect_deg)])
     placed = place(scene).targets[0].motion
     motion = replace(placed, positions=placed.positions.isel(time=slice(0, 250, 50)))
-    body = compute_ellipsoids(build_skeleton(motion))
+    body = bodies.compute_ellipsoids(bodies.build_skeleton(motion))
     points, radar = motion.position_m, np.array(scene.radar_position_m)
-    own = find_own_points(points, body)
-    gain = compute_visible_power(points, body, own, radar, edge_m=1e-5)
+    own = bodies.find_own_points(points, body)
+    gain = bodies.compute_visible_power(points, body, own, radar, edge_m=1e-5)
     form = marched(points, body, own, radar)
     within = marched(points, body, own, points, n_steps=1) < 1  # in another limb of the model: not a line past it
     clear = (np.abs(form - 1) > 1e-2) & ~within  # the steps of the march are not finer than that
@@ -80,23 +74,23 @@ def test_the_border_of_a_ball_is_where_and_as_wide_as_stated():
     radius, radar = 0.2, np.array([1e8, 0.0, 0.0])
     height = np.linspace(0, 0.4, 401)
     points = np.stack([np.full(401, -2.0), np.zeros(401), height], axis=-1)[None]
-    gain = compute_visible_power(points, ball([0, 0, 0], radius), none_own(401), radar)[0]
-    assert (gain[height < radius - EDGE_M * 1.2] == 0).all()
-    assert (gain[height > radius + EDGE_M * 1.2] == 1).all()
+    gain = bodies.compute_visible_power(points, ball([0, 0, 0], radius), none_own(401), radar)[0]
+    assert (gain[height < radius - bodies.EDGE_M * 1.2] == 0).all()
+    assert (gain[height > radius + bodies.EDGE_M * 1.2] == 1).all()
     assert (np.diff(gain) >= 0).all()
     assert gain[200] == pytest.approx(0.25, abs=0.01)  # at the edge half the amplitude
     # first-order clearance of a ball, (h^2 - r^2) / (2 h), and the ramp of degree 5
     clearance = (height[1:] ** 2 - radius**2) / (2 * height[1:])
-    x = np.clip((clearance + EDGE_M) / (2 * EDGE_M), 0, 1)
+    x = np.clip((clearance + bodies.EDGE_M) / (2 * bodies.EDGE_M), 0, 1)
     np.testing.assert_allclose(gain[1:], (6 * x**5 - 15 * x**4 + 10 * x**3) ** 2, atol=1e-6)
 
 
 def test_only_what_stands_before_a_point_hides_it():
     radar = np.array([10.0, 0.0, 0.0])
     place = np.array([[[-1.0, 0, 0], [0.25, 0, 0], [0.5, 0, 0], [1.0, 0.1, 0]]])
-    gain = compute_visible_power(place, ball([0, 0, 0]), none_own(4), radar)
+    gain = bodies.compute_visible_power(place, ball([0, 0, 0]), none_own(4), radar)
     np.testing.assert_array_equal(gain[0], [0, 1, 1, 1])
-    beyond = compute_visible_power(np.array([[[5.0, 0, 0]]]), ball([20.0, 0, 0]), none_own(1), radar)
+    beyond = bodies.compute_visible_power(np.array([[[5.0, 0, 0]]]), ball([20.0, 0, 0]), none_own(1), radar)
     assert beyond[0, 0] == 1  # behind the radar
 
 
@@ -106,15 +100,17 @@ def test_a_point_that_comes_from_behind_to_before_does_not_click():
     for direction in (np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0.7, 0.7, 0.1])):
         for aside in (0.0, 0.1, 0.22):
             way = np.arange(-1, 1, step_m)[:, None] * direction + np.array([0, 0, aside])
-            amplitude = np.sqrt(compute_visible_power(way[None], ball([0, 0, 0]), none_own(way.shape[0]), radar)[0])
+            amplitude = np.sqrt(
+                bodies.compute_visible_power(way[None], ball([0, 0, 0]), none_own(way.shape[0]), radar)[0]
+            )
             # 15/8 is the steepest slope of the ramp; the clearance of a ball deeper than its edge changes faster
-            assert np.abs(np.diff(amplitude)).max() < 3 * (15 / 8) * step_m / EDGE_M
+            assert np.abs(np.diff(amplitude)).max() < 3 * (15 / 8) * step_m / bodies.EDGE_M
 
 
 def test_an_ellipsoid_does_not_hide_what_it_contains():
     walk = boulic_walk(duration_s=1.0)
-    skeleton = build_skeleton(walk)
-    own = find_own_points(walk.position_m, compute_ellipsoids(skeleton))
+    skeleton = bodies.build_skeleton(walk)
+    own = bodies.find_own_points(walk.position_m, bodies.compute_ellipsoids(skeleton))
     names, points = [s.name for s in skeleton.segments], walk.markers
     for n, segment in ((n, s) for n, s in enumerate(skeleton.segments) if not s.joint):
         assert own[points.index(segment.start), n], names[n]

@@ -185,9 +185,6 @@ def test_a_refused_target_of_many_scenes_is_named():
         next(place_all(scenes, [None, None]))
 
 
-# --- Bodies that come and go --------------------------------------------------------------------------------------
-
-
 def visitor(**changes):
     """A walker towards the radar from 6 m who is there from 1 s to 4 s of 6 s."""
     table = {"start_position_m": (6.0, 0.0), "heading_deg": 180.0, "enter_s": 1.0, "leave_s": 4.0, **changes}

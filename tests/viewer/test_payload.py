@@ -8,12 +8,7 @@ import xarray as xr
 
 from doppelgait.pipeline import analyze, parse_run, run_simulation
 from doppelgait.processing import Analysis, gaussian_window
-from doppelgait.viewer.panels import (
-    MOST_FRAMES,
-    make_range_doppler_payload,
-    make_recording_payload,
-    make_targets_payload,
-)
+from doppelgait.viewer import panels
 from doppelgait.viewer.payload import as_json, describe_axis, encode_image, find_block_maxima, pack
 from doppelgait.viewer.run import Run
 from doppelgait.viewer.settings import Settings
@@ -96,7 +91,7 @@ def test_empty_and_flat_pictures_have_a_range():
 
 
 def test_recording_has_the_files_own_levels(run, recording):
-    facts, arrays = unpack(make_recording_payload(run, None, changes=(("clutter", "none"),)))
+    facts, arrays = unpack(panels.make_recording_payload(run, None, changes=(("clutter", "none"),)))
     expected = 20 * np.log10(np.abs(recording.baseband.values))
     shown = expected > facts["range_time"]["db"][0]
     np.testing.assert_allclose(levels_of(facts["range_time"], arrays)[shown], expected[shown], atol=0.01)
@@ -107,7 +102,7 @@ def test_recording_has_the_files_own_levels(run, recording):
 
 
 def test_recording_has_bodies_and_true_doppler(run, recording):
-    facts, arrays = unpack(make_recording_payload(run, None, changes=(("clutter", "none"),)))
+    facts, arrays = unpack(panels.make_recording_payload(run, None, changes=(("clutter", "none"),)))
     body, doppler = facts["bodies"][0], facts["truth"][0]["doppler"]
     np.testing.assert_allclose(arrays[body["points"]], recording.truth[0].body.values, atol=1e-4)
     assert len(body["parts"]) == arrays[body["points"]].shape[1] > arrays[body["bones"]].max()
@@ -119,7 +114,7 @@ def test_recording_has_bodies_and_true_doppler(run, recording):
 
 
 def test_targets_show_what_the_analysis_found(run, recording):
-    facts, arrays = unpack(make_targets_payload(run, None))
+    facts, arrays = unpack(panels.make_targets_payload(run, None))
     (expected,) = analyze(recording, gate="truth")
     target = facts["targets"][0]
     assert target["features"]["torso_velocity_mps"] == expected.features.torso_velocity_mps
@@ -141,7 +136,7 @@ def test_targets_show_what_the_analysis_found(run, recording):
 
 
 def test_frames_are_transforms_of_the_samples(run, recording):
-    facts, arrays = unpack(make_range_doppler_payload(run, None, start=40, count=3))
+    facts, arrays = unpack(panels.make_range_doppler_payload(run, None, start=40, count=3))
     time, doppler = facts["time"], facts["doppler"]
     window = gaussian_window(101, Analysis().window_steepness)
     low, high = facts["db"]
@@ -157,28 +152,30 @@ def test_frames_are_transforms_of_the_samples(run, recording):
 
 
 def test_chunks_of_frames_fit_together(run):
-    whole, one = (unpack(make_range_doppler_payload(run, None, start=s, count=c)) for s, c in ((0, 6), (4, 2)))
+    whole, one = (unpack(panels.make_range_doppler_payload(run, None, start=s, count=c)) for s, c in ((0, 6), (4, 2)))
     assert whole[0]["db"] == one[0]["db"]
     assert whole[0]["time"] == one[0]["time"]
     np.testing.assert_array_equal(whole[1]["frames"][4:], one[1]["frames"])
-    assert whole[0]["time"]["n"] <= MOST_FRAMES
+    assert whole[0]["time"]["n"] <= panels.MOST_FRAMES
 
 
 def test_a_run_without_a_recording_says_why():
     run = Run("a", "result", reason="it was not kept", stored=lambda: [])
     for body in (
-        make_recording_payload(run, None, changes=(("clutter", "median"),)),
-        make_range_doppler_payload(run, None, start=0, count=1),
+        panels.make_recording_payload(run, None, changes=(("clutter", "median"),)),
+        panels.make_range_doppler_payload(run, None, start=0, count=1),
     ):
         assert unpack(body)[0]["reason"] == "it was not kept"
-    assert "it was not kept" in unpack(make_targets_payload(run, "track"))[0]["reason"]
+    assert "it was not kept" in unpack(panels.make_targets_payload(run, "track"))[0]["reason"]
 
 
 def test_tiles_of_a_long_recording_give_the_bytes_of_the_whole(recording, monkeypatch):
     def payloads():
         asked = Settings(gate="truth", analysis=Analysis(clutter="none"))
         run = Run("walk", "recording", asked, load=lambda: recording)
-        return make_recording_payload(run, None), make_range_doppler_payload(run, None, start=0, count=256)
+        return panels.make_recording_payload(run, None), panels.make_range_doppler_payload(
+            run, None, start=0, count=256
+        )
 
     monkeypatch.setattr("doppelgait.viewer.payload.MEDIAN_OF", 3000)
     monkeypatch.setattr("doppelgait.viewer.panels.MOST_LINE_POINTS", 200)

@@ -15,16 +15,8 @@ from matplotlib.figure import Figure
 
 import processes
 from doppelgait import motion, viz
+from doppelgait.core import labels
 from doppelgait.core.errors import AnalysisError, ConfigError, OutputError
-from doppelgait.core.labels import (
-    BASEBAND,
-    CADENCE_MAP,
-    CADENCE_SPECTRUM,
-    NORMALISED_SIGNATURE,
-    RANGE_DOPPLER,
-    SIGNATURE,
-    make_array,
-)
 from doppelgait.viz.maps import doppler_limits_hz, level_limits_db, occupied_rows
 from doppelgait.viz.motion import PART_COLOURS, find_part_group
 from doppelgait.viz.spectra import densest_band_hz
@@ -43,14 +35,16 @@ def make_signature(*, normalised: bool = False, noise: float = 1e-3) -> xr.DataA
     """A line of five bins around +80 Hz over exponential noise, 40 columns."""
     power = noise * np.random.default_rng(3).exponential(size=(40, 64))
     power[:, 40:45] += [0.1, 0.5, 1.0, 0.5, 0.1]
-    schema = NORMALISED_SIGNATURE if normalised else SIGNATURE
-    return make_array(schema, power.astype(np.float32), {"time": 0.5 + 0.05 * np.arange(40), **doppler_coords()})
+    schema = labels.NORMALISED_SIGNATURE if normalised else labels.SIGNATURE
+    return labels.make_array(schema, power.astype(np.float32), {"time": 0.5 + 0.05 * np.arange(40), **doppler_coords()})
 
 
 def make_baseband() -> xr.DataArray:
     values = np.full((50, 20), 1e-3 + 0j, dtype=np.complex64)
     values[:, 7] = 1j
-    return make_array(BASEBAND, values, {"slow_time": 0.01 * np.arange(50), "range": 1.0 + 0.05 * np.arange(20)})
+    return labels.make_array(
+        labels.BASEBAND, values, {"slow_time": 0.01 * np.arange(50), "range": 1.0 + 0.05 * np.arange(20)}
+    )
 
 
 def make_gate(low_m: float = 1.2, high_m: float = 1.6, band_hz: float = np.inf) -> xr.Dataset:
@@ -75,13 +69,13 @@ def make_scatterers() -> xr.Dataset:
 def make_cadence_map() -> xr.DataArray:
     values = np.full((101, 64), 1e-4)
     values[20, 38:46] = 0.1
-    return make_array(CADENCE_MAP, values, {"cadence": 0.1 * np.arange(101), **doppler_coords()})
+    return labels.make_array(labels.CADENCE_MAP, values, {"cadence": 0.1 * np.arange(101), **doppler_coords()})
 
 
 def make_spectrum() -> xr.DataArray:
     values = np.full(201, 1e-3)
     values[[20, 40, 60]] = [1.0, 0.1, 0.05]
-    return make_array(CADENCE_SPECTRUM, values, {"cadence": 0.1 * np.arange(201)})
+    return labels.make_array(labels.CADENCE_SPECTRUM, values, {"cadence": 0.1 * np.arange(201)})
 
 
 def make_motion(*, stride_hz: float = 1.0) -> motion.Motion:
@@ -300,7 +294,7 @@ def make_range_doppler() -> xr.DataArray:
     values = np.full((1, 64, 20), 1e-3)
     values[0, 42, 7] = 1.0
     coords = {"time": [0.3], "range": 1.0 + 0.05 * np.arange(20), **doppler_coords()}
-    return make_array(RANGE_DOPPLER, values, coords).isel(time=0)
+    return labels.make_array(labels.RANGE_DOPPLER, values, coords).isel(time=0)
 
 
 def test_range_doppler_map_and_its_gate() -> None:

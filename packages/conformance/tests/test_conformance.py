@@ -82,8 +82,6 @@ def test_a_literal_loop_passes_and_has_no_other_parts():
     assert all("the simulator has no" in check.note for check in checks if check.passed is None)
 
 
-# --- Faults of the simulator --------------------------------------------------------------------------------------
-
 PHASE = ("phase_linearity", "absolute_phase", "doppler_sign", "same_signature", "same_gait")
 FAULTS = {
     "wrong sign": (lambda s, r: np.conj(literal(s, r)), (*PHASE, "path_phase")),

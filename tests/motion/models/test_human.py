@@ -7,20 +7,12 @@ import pytest
 from scipy.integrate import solve_bvp
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models import boulic_walk, human, human_gait
+from doppelgait.motion.models import boulic_walk, human, human_body, human_gait
 from doppelgait.motion.models.curves import walk_duty
-from doppelgait.motion.models.human_body import (
-    LENGTHS,
-    POINTS,
-    compute_figure_points,
-    find_segment_lengths,
-    place_left_hip,
-    place_legless_points,
-)
 from doppelgait.motion.models.strides import step_series
 from walking_body import BONES
 
-INDEX = {name: n for n, name in enumerate(POINTS)}
+INDEX = {name: n for n, name in enumerate(human_body.POINTS)}
 WALKS = (0.3, 0.8, 1.4, 2.0, 2.57)
 RUNS = (1.9, 2.5, 3.0, 4.0, 5.0, 7.0, 9.0)
 
@@ -81,7 +73,7 @@ def test_with_all_options_off_it_is_the_boulic_walk_bit_for_bit(speed_mps, heigh
 def check_lengths(motion):
     for a, b, bone in BONES:
         length_m = np.linalg.norm(np.diff(points(motion, a, b), axis=1), axis=2)
-        share = human.FOOT.length if bone == "foot" else LENGTHS[bone]
+        share = human.FOOT.length if bone == "foot" else human_body.LENGTHS[bone]
         np.testing.assert_allclose(length_m, 1.75 * share, rtol=0, atol=1e-9, err_msg=f"{a} {b}")
 
 
@@ -112,7 +104,9 @@ def test_it_goes_at_its_speed_and_left_is_right_half_a_stride_later(speed_mps):
     motion = gait(speed_mps, 2 * stride_s, rate_hz=400 / stride_s)
     way = motion.position_m[400] - motion.position_m[0]
     np.testing.assert_allclose(way, np.tile([speed_mps * stride_s, 0, 0], (17, 1)), atol=1e-9)
-    opposite = [name.replace("left", "tmp").replace("right", "left").replace("tmp", "right") for name in POINTS]
+    opposite = [
+        name.replace("left", "tmp").replace("right", "left").replace("tmp", "right") for name in human_body.POINTS
+    ]
     half = [speed_mps * stride_s / 2, 0, 0]
     np.testing.assert_allclose(motion.position_m[200], points(motion, *opposite)[0] * [1, -1, 1] + half, atol=1e-9)
 
@@ -345,7 +339,7 @@ def test_walk_ratio_trades_step_length_for_frequency():
 
 
 def test_a_child_walks_as_an_adult_at_the_same_froude_number():
-    lengths = find_segment_lengths("child", 1.0)
+    lengths = human_body.find_segment_lengths("child", 1.0)
     leg_m, adult_m = (lengths["thigh"] + lengths["shank"]) * 1.0, 0.491 * 1.75
     child = human_gait(speed_mps=1.3 * np.sqrt(leg_m / adult_m), height_m=1.0, body="child")
     adult = human_gait(speed_mps=1.3)
@@ -358,13 +352,13 @@ def test_a_child_walks_as_an_adult_at_the_same_froude_number():
 
 def test_a_childs_proportions_add_up_and_become_an_adults():
     for height_m in (0.9, 1.2, 1.6):
-        lengths = find_segment_lengths("child", height_m)
+        lengths = human_body.find_segment_lengths("child", height_m)
         assert sum(lengths[part] for part in ("head", "torso", "thigh", "shank")) == pytest.approx(0.909)
         walk = human_gait(speed_mps=0.8, height_m=height_m, body="child")
         thigh = np.diff(points(walk, "left_hip", "left_knee"), axis=1)
         np.testing.assert_allclose(np.linalg.norm(thigh, axis=2), height_m * lengths["thigh"], atol=1e-9)
-    assert find_segment_lengths("child", 1.6) == pytest.approx(LENGTHS)
-    assert find_segment_lengths("child", 0.9)["head"] > 1.3 * LENGTHS["head"]
+    assert human_body.find_segment_lengths("child", 1.6) == pytest.approx(human_body.LENGTHS)
+    assert human_body.find_segment_lengths("child", 0.9)["head"] > 1.3 * human_body.LENGTHS["head"]
 
 
 def test_running_frequency_scales_with_stature():
@@ -380,8 +374,10 @@ def test_a_figure_without_legs_is_the_whole_figure_but_for_them():
     }
     limbs = {name: generator.normal(0, 0.6, (2, 20)) for name in ("hip", "knee", "ankle", "shoulder", "elbow")}
     base_m = generator.normal(0, 1.0, (3, 20))
-    whole = compute_figure_points(trunk, limbs, LENGTHS) + base_m
-    upper = place_legless_points(base_m, place_left_hip(trunk, LENGTHS), trunk, limbs, LENGTHS)
-    kept = [number for number, name in enumerate(POINTS) if not name.endswith(("knee", "ankle", "toe"))]
+    whole = human_body.compute_figure_points(trunk, limbs, human_body.LENGTHS) + base_m
+    upper = human_body.place_legless_points(
+        base_m, human_body.place_left_hip(trunk, human_body.LENGTHS), trunk, limbs, human_body.LENGTHS
+    )
+    kept = [number for number, name in enumerate(human_body.POINTS) if not name.endswith(("knee", "ankle", "toe"))]
     assert len(kept) == 11
     np.testing.assert_allclose(upper[kept], whole[kept], rtol=0, atol=1e-14)

@@ -8,20 +8,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models import QuadrupedConfig, quadruped_gait
+from doppelgait.motion.models import QuadrupedConfig, quadruped_gait, quadruped_gaits
 from doppelgait.motion.models import quadruped as limbs
 from doppelgait.motion.models.curves import find_swing_curve, load_tables
-from doppelgait.motion.models.quadruped_gaits import (
-    BUILDS,
-    DUTY_LIMITS,
-    GAITS,
-    duty_factor,
-    fit_gait_to_build,
-    froude_speed_mps,
-    hip_height_m,
-    pick_gait,
-    stride_length_m,
-)
 from doppelgait.motion.models.strides import Columns, make_column
 from doppelgait.motion.skeleton import DOG_PARTS
 
@@ -29,32 +18,32 @@ SIDES = ("left", "right")
 FEET = [f"{side}_{end}" for side in SIDES for end in ("hind", "fore")]
 SIZES = (0.15, 0.5, 0.9)
 PHASE = np.arange(2000) / 2000
-STANDARD = BUILDS["standard"]
+STANDARD = quadruped_gaits.BUILDS["standard"]
 SYMMETRICAL = ("walk", "pace", "trot")
 
 
 def froudes(name, count=5):
-    low, high, _ = GAITS[name].froude
+    low, high, _ = quadruped_gaits.GAITS[name].froude
     return np.geomspace(low, high, count)
 
 
-CASES = [(name, fr, withers) for name in GAITS for fr in froudes(name, 4) for withers in SIZES]
+CASES = [(name, fr, withers) for name in quadruped_gaits.GAITS for fr in froudes(name, 4) for withers in SIZES]
 
 
 def settings(name, froude, withers_m, build=STANDARD):
     """Gait, speed, stride, stride frequency and duty factors, in SI units."""
-    hip = hip_height_m(build, withers_m)
-    gait, speed = fit_gait_to_build(name, build), froude_speed_mps(froude, hip)
-    stride = stride_length_m(gait, speed, hip)
-    duty = {end: duty_factor(getattr(gait, end), speed / stride, hip) for end in ("hind", "fore")}
+    hip = quadruped_gaits.hip_height_m(build, withers_m)
+    gait, speed = quadruped_gaits.fit_gait_to_build(name, build), quadruped_gaits.froude_speed_mps(froude, hip)
+    stride = quadruped_gaits.stride_length_m(gait, speed, hip)
+    duty = {end: quadruped_gaits.duty_factor(getattr(gait, end), speed / stride, hip) for end in ("hind", "fore")}
     return gait, speed, stride, speed / stride, duty
 
 
 def closed_form(name, froude, phase=PHASE, build=STANDARD):
     """All points at given phases with the tail at rest, in units of hip height, and the stride in the same unit."""
-    build = BUILDS[build] if isinstance(build, str) else build
+    build = quadruped_gaits.BUILDS[build] if isinstance(build, str) else build
     gait, _, stride, _, duty = settings(name, froude, build.withers_m, build)
-    stride /= hip_height_m(build, build.withers_m)
+    stride /= quadruped_gaits.hip_height_m(build, build.withers_m)
     gait, build, phase = Columns([gait]), Columns([build]), phase[None]
     course = limbs.make_regular_course(phase, gait, make_column([stride]))
     points = limbs.compute_all_points(
@@ -103,25 +92,27 @@ def test_paws_rest_where_they_land_move_between_and_are_never_under_the_floor(na
         np.testing.assert_allclose(np.diff(places), stride, atol=1e-9)
         still = np.linalg.norm(np.diff(path, axis=0), axis=1) < 1e-9
         assert still[: int(int(4.0 * frequency) / frequency * 250)].mean() == pytest.approx(duty[end], abs=0.05)
-        clearance = getattr(GAITS[name], end).clearance * hip_height_m(STANDARD, withers_m)
+        clearance = getattr(quadruped_gaits.GAITS[name], end).clearance * quadruped_gaits.hip_height_m(
+            STANDARD, withers_m
+        )
         assert path[:, 2].max() == pytest.approx(clearance, rel=0.01)
 
 
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", quadruped_gaits.GAITS)
 def test_paws_rest_from_exact_footfalls_when_strides_vary(name):
     varied = {"stride_variation": 0.05, "pace_sd": 0.05, "rng": np.random.default_rng(3)}
     motion = quadruped_gait(gait=name, **varied, duration_s=8, rate_hz=1000)
     for foot in FEET:  # lift-off is at the duty factor in phase; a faster stride moves it by less than 15 %
-        check_rests(motion, foot, settings(name, GAITS[name].froude[2], 0.5)[4], share=0.85)
+        check_rests(motion, foot, settings(name, quadruped_gaits.GAITS[name].froude[2], 0.5)[4], share=0.85)
 
 
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", quadruped_gaits.GAITS)
 def test_a_swing_starts_and_ends_without_speed(name):
     for end in ("hind", "fore"):
-        girdle = getattr(GAITS[name], end)
+        girdle = getattr(quadruped_gaits.GAITS[name], end)
         highest = {}
         for duty, peak in ((0.15, 1.0), (0.3, 0.8), (0.55, 1.2)):
-            swing = find_swing_curve([GAITS[name].curves], end, peak)
+            swing = find_swing_curve([quadruped_gaits.GAITS[name].curves], end, peak)
             near = np.array([duty, 1.0])[:, None] + [-1e-4, 1e-4]
             advance, height = limbs.compute_paw_path(near, girdle, duty, swing)
             assert np.abs(np.diff(advance, axis=1)).max() < 1e-6
@@ -149,9 +140,9 @@ def test_stride_length_times_frequency_is_speed_and_follows_the_froude_law(name,
         assert np.isnan(facts.step_frequency_hz)
 
 
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", quadruped_gaits.GAITS)
 def test_the_trunk_goes_at_the_given_speed(name):
-    froude = GAITS[name].froude[2]
+    froude = quadruped_gaits.GAITS[name].froude[2]
     _, speed, _, frequency, _ = settings(name, froude, 0.5)
     motion = dog(name, froude, 0.5, duration_s=4 / frequency, rate_hz=1000 * frequency, start_phase=0.9)
     for point in ("rump", "withers", "nose"):
@@ -171,7 +162,7 @@ CHAINS = ("shoulder humerus elbow forearm carpus manus fore_paw", "hip femur kne
 LINKS = [(row[n], row[n + 2], getattr(limbs.BODY, row[n + 1])) for row in map(str.split, CHAINS) for n in (0, 2, 4)]
 
 
-@pytest.mark.parametrize(("name", "froude"), [(name, fr) for name in GAITS for fr in froudes(name, 15)])
+@pytest.mark.parametrize(("name", "froude"), [(name, fr) for name in quadruped_gaits.GAITS for fr in froudes(name, 15)])
 def test_limbs_reach_bend_the_right_way_and_keep_their_lengths(name, froude):
     points, _ = closed_form(name, froude)
     for side in SIDES:
@@ -198,7 +189,7 @@ def test_limbs_reach_bend_the_right_way_and_keep_their_lengths(name, froude):
 @pytest.mark.parametrize("name", ["walk", "pace", "trot", "gallop"])
 def test_girdles_turn_as_measured(name):
     """The lines across hips and ribs have the yaw and the roll of their tables, and none without a ripple."""
-    points, _ = closed_form(name, GAITS[name].froude[0] * 1.5)
+    points, _ = closed_form(name, quadruped_gaits.GAITS[name].froude[0] * 1.5)
     rigid = quadruped_gait(gait=name, trunk_ripple=0.0, duration_s=1.0)
     table = load_tables()["dogs"][name]
     for end, part in (("hind", "hip"), ("fore", "ribs")):
@@ -212,7 +203,7 @@ def test_girdles_turn_as_measured(name):
         np.testing.assert_allclose((ends[0] - ends[1])[:, [0, 2]], 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", quadruped_gaits.GAITS)
 def test_the_trunk_moves_more_or_less(name):
     def ripple_m(factor):
         motion = quadruped_gait(gait=name, trunk_ripple=factor, duration_s=4.0)
@@ -225,10 +216,10 @@ def test_the_trunk_moves_more_or_less(name):
     assert ripple_m(0.5) < 0.85 * ripple_m(1.0) < 0.85 * 0.85 * ripple_m(2.0)
 
 
-@pytest.mark.parametrize("build", BUILDS)
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("build", quadruped_gaits.BUILDS)
+@pytest.mark.parametrize("name", quadruped_gaits.GAITS)
 def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, build):
-    build = BUILDS[build]
+    build = quadruped_gaits.BUILDS[build]
     lengths = build.limbs * np.repeat([limbs.BODY.humerus + limbs.BODY.forearm, limbs.BODY.femur + limbs.BODY.tibia], 2)
     for froude in froudes(name, 12):
         gait, *_ = settings(name, froude, build.withers_m, build)
@@ -298,14 +289,14 @@ def test_trunk_moves_as_measured():
 
 
 def test_duty_factor_follows_the_swing_time_rule_within_its_limits():
-    trot = GAITS["trot"].fore
-    assert duty_factor(trot, 2.0, 0.46) == pytest.approx(1 - 0.35 * 2.0 + trot.duty_offset)
-    assert duty_factor(trot, 0.1, 0.46) == DUTY_LIMITS[1]
-    assert duty_factor(trot, 9.0, 0.46) == DUTY_LIMITS[0]
+    trot = quadruped_gaits.GAITS["trot"].fore
+    assert quadruped_gaits.duty_factor(trot, 2.0, 0.46) == pytest.approx(1 - 0.35 * 2.0 + trot.duty_offset)
+    assert quadruped_gaits.duty_factor(trot, 0.1, 0.46) == quadruped_gaits.DUTY_LIMITS[1]
+    assert quadruped_gaits.duty_factor(trot, 9.0, 0.46) == quadruped_gaits.DUTY_LIMITS[0]
 
 
 @pytest.mark.parametrize("withers_m", [0.15, 0.5])
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", quadruped_gaits.GAITS)
 def test_default_rate_is_fast_enough_for_the_paws(name, withers_m):
     for froude in froudes(name, 3):
         coarse = dog(name, froude, withers_m, duration_s=1.2)
@@ -318,7 +309,7 @@ def test_default_rate_is_fast_enough_for_the_paws(name, withers_m):
             assert np.abs(speed - exact).max() < 0.015 * exact.max()
 
 
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", quadruped_gaits.GAITS)
 def test_no_velocity_jumps_at_touchdown_or_lift_off_or_anywhere(name):
     step = 1e-5
     for froude in froudes(name, 3):
@@ -364,10 +355,10 @@ def test_a_tail_that_would_touch_the_floor_hangs_above_it_without_a_jerk():
         assert tail_m.min() > 0
 
 
-@pytest.mark.parametrize("name", GAITS)
-@pytest.mark.parametrize("build", BUILDS)
+@pytest.mark.parametrize("name", quadruped_gaits.GAITS)
+@pytest.mark.parametrize("build", quadruped_gaits.BUILDS)
 def test_every_build_has_every_gait_at_every_speed_and_setting(build, name):
-    size = BUILDS[build].limbs
+    size = quadruped_gaits.BUILDS[build].limbs
     for number, froude in enumerate(froudes(name, 3)):
         for changes in (
             {},
@@ -381,7 +372,7 @@ def test_every_build_has_every_gait_at_every_speed_and_setting(build, name):
             )  # fmt: skip
             places = dict(zip(motion.markers, np.moveaxis(motion.position_m, 1, 0), strict=True))
             assert {point: path[:, 2].min() for point, path in places.items() if path[:, 2].min() < -1e-12} == {}
-            hip_m = hip_height_m(BUILDS[build], motion.facts.height_m)
+            hip_m = quadruped_gaits.hip_height_m(quadruped_gaits.BUILDS[build], motion.facts.height_m)
             for side in SIDES:
                 for a, b, length in LINKS:
                     distance = np.linalg.norm(places[f"{side}_{a}"] - places[f"{side}_{b}"], axis=1)
@@ -392,7 +383,7 @@ def test_every_build_has_every_gait_at_every_speed_and_setting(build, name):
                 speed_mps = np.linalg.norm(np.diff(places[f"{foot}_paw"], axis=0), axis=1) * 200
                 for start_s in motion.facts.footfalls[foot]:
                     lands = int(np.ceil(start_s * 200 + 1e-6))
-                    rest = 0.6 * DUTY_LIMITS[0] / motion.facts.stride_frequency_hz
+                    rest = 0.6 * quadruped_gaits.DUTY_LIMITS[0] / motion.facts.stride_frequency_hz
                     assert (speed_mps[lands : int((start_s + rest) * 200)] < 1e-6).all()
 
 
@@ -422,7 +413,7 @@ def test_feet_land_when_the_facts_have_it_although_each_scatters():
         path, times = paw(motion, foot), np.array(motion.facts.footfalls[foot])[:-1]
         landed = path[np.ceil(times * 200).astype(int) + 1, 2]
         np.testing.assert_array_equal(landed, 0.0)
-        lags.append(times * frequency_hz - GAITS["trot"].touchdown[foot] - np.arange(times.size))
+        lags.append(times * frequency_hz - quadruped_gaits.GAITS["trot"].touchdown[foot] - np.arange(times.size))
     spread = np.concatenate([lag - np.round(lag.mean()) for lag in lags])
     assert spread.std() == pytest.approx(0.03, rel=0.15)
 
@@ -461,7 +452,7 @@ def beats(footfalls, start_s, period_s):
     return [{foot for t, foot in events if abs(t - moment) < 2e-6} for moment in moments]
 
 
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", quadruped_gaits.GAITS)
 def test_feet_land_in_the_order_and_at_the_phases_of_the_gait(name):
     motion = quadruped_gait(gait=name, duration_s=4.0)
     footfalls, period = motion.facts.footfalls, 1 / motion.facts.stride_frequency_hz
@@ -476,7 +467,7 @@ def test_feet_land_in_the_order_and_at_the_phases_of_the_gait(name):
 @pytest.mark.parametrize("name", [*SYMMETRICAL, "bound"])
 def test_walk_pace_and_trot_are_their_mirror_image_half_a_stride_later_and_the_bound_at_once(name, build):
     other, shift = {"left": "right", "right": "left"}, 0.0 if name == "bound" else 0.5
-    for froude in GAITS[name].froude:
+    for froude in quadruped_gaits.GAITS[name].froude:
         now, stride = closed_form(name, froude, build=build)
         later, _ = closed_form(name, froude, PHASE + shift, build=build)
         for point, path in now.items():
@@ -485,11 +476,11 @@ def test_walk_pace_and_trot_are_their_mirror_image_half_a_stride_later_and_the_b
             np.testing.assert_allclose(path, mirrored, atol=1e-12, err_msg=point)
 
 
-@pytest.mark.parametrize("name", [name for name in GAITS if name not in SYMMETRICAL])
+@pytest.mark.parametrize("name", [name for name in quadruped_gaits.GAITS if name not in SYMMETRICAL])
 def test_the_other_gaits_repeat_once_a_stride_and_not_twice(name):
-    now, stride = closed_form(name, GAITS[name].froude[2])
-    later, _ = closed_form(name, GAITS[name].froude[2], PHASE + 1)
-    half, _ = closed_form(name, GAITS[name].froude[2], PHASE + 0.5)
+    now, stride = closed_form(name, quadruped_gaits.GAITS[name].froude[2])
+    later, _ = closed_form(name, quadruped_gaits.GAITS[name].froude[2], PHASE + 1)
+    half, _ = closed_form(name, quadruped_gaits.GAITS[name].froude[2], PHASE + 0.5)
     for point, path in now.items():
         np.testing.assert_allclose(path, later[point] - [stride, 0, 0], atol=1e-12)
     assert np.abs(now["rump"][:, 2] - half["rump"][:, 2]).max() > 0.1
@@ -512,7 +503,7 @@ def test_a_walk_always_stands_on_two_feet_and_running_gaits_leave_the_ground():
 
 
 def test_auto_goes_through_the_gaits_with_speed():
-    assert [pick_gait(froude) for froude in (0.05, 0.5, 0.51, 2.5, 2.6, 10)] == [
+    assert [quadruped_gaits.pick_gait(froude) for froude in (0.05, 0.5, 0.51, 2.5, 2.6, 10)] == [
         "walk", "walk", "trot", "trot", "gallop", "gallop"
     ]  # fmt: skip
     for speed, gait in ((0.9, "walk"), (2.0, "trot"), (5.0, "gallop")):
@@ -538,10 +529,10 @@ def test_the_length_of_a_build_scales_limbs_but_not_the_hip_height():
     np.testing.assert_allclose(trunks[0] / trunks[1], 1.8, rtol=0.01)
 
 
-@pytest.mark.parametrize("build", BUILDS)
+@pytest.mark.parametrize("build", quadruped_gaits.BUILDS)
 def test_a_build_sets_size_mass_and_species(build):
     motion = quadruped_gait(build=build, gait="walk", duration_s=0.5)
-    expected = BUILDS[build]
+    expected = quadruped_gaits.BUILDS[build]
     facts = motion.facts
     assert (facts.height_m, facts.mass_kg) == pytest.approx((expected.withers_m, expected.mass_kg))
     assert facts.species == (build if build in ("cat", "horse", "cow") else "dog")

@@ -22,12 +22,8 @@ FILES = {
 SWAGGER = "accad_swagger1.txt"
 
 
-def _rows(shared: Path) -> dict[str, dict[str, str]]:
-    return read_manifests(shared, "human")
-
-
 def _path(shared: Path, name: str) -> Path:
-    return shared / "data" / "mocap" / _rows(shared)[name]["file"]
+    return shared / "data" / "mocap" / read_manifests(shared, "human")[name]["file"]
 
 
 def test_these_readers_take_these_files_and_no_others(shared: Path) -> None:

@@ -9,16 +9,9 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
-from doppelgait.radar import Radar, Recording
+from doppelgait.radar import Radar, Recording, xethru
 from doppelgait.radar.simulate import label_baseband
 from doppelgait.radar.slow_time import measure_clock_rate_hz
-from doppelgait.radar.xethru import (
-    TimedRecord,
-    make_records,
-    read_xethru_recording,
-    write_xethru,
-    write_xethru_recording,
-)
 from doppelgait.radar.xethru.convert import derive_frame_numbers
 
 START = datetime(2026, 11, 21, 1, 8, 48, tzinfo=UTC)
@@ -48,10 +41,10 @@ def simulated(preset: str, *, prf_hz: float = 500.0, n_pulses: int = 200) -> Rec
 
 
 def there_and_back(recording: Recording, folder: Path, preset: str, name: str, **options: Any) -> Recording:
-    made = write_xethru_recording(recording, folder, data_type=name, start_time=START, session_id="S")
+    made = xethru.write_xethru_recording(recording, folder, data_type=name, start_time=START, session_id="S")
     if name == "datafloat":
         options |= {"range_start_m": 0.4, "bin_spacing_m": recording.radar.bin_spacing_m, "carrier_hz": 7.29e9}
-    return read_xethru_recording(made, radar=preset, **options)
+    return xethru.read_xethru_recording(made, radar=preset, **options)
 
 
 FLOATS = ["baseband_iq", "radar_baseband_float", "datafloat", "baseband_ap"]
@@ -74,14 +67,14 @@ def test_floats_come_back_as_they_were(tmp_path: Path, preset: str, name: str) -
 def test_one_volt_a_unit_is_exact(tmp_path: Path) -> None:
     recording = simulated("liland2018", prf_hz=1000.0, n_pulses=20)
     assert recording.radar.volts_per_unit is None
-    made = write_xethru_recording(recording, tmp_path, start_time=START, session_id="S")
-    back = read_xethru_recording(made, radar="liland2018")
+    made = xethru.write_xethru_recording(recording, tmp_path, start_time=START, session_id="S")
+    back = xethru.read_xethru_recording(made, radar="liland2018")
     assert np.array_equal(back.baseband.values, recording.baseband.values)
 
 
 def test_the_file_holds_units_and_single_precision(tmp_path: Path, preset: str) -> None:
     recording = simulated(preset)
-    made = write_xethru_recording(recording, tmp_path, start_time=START, session_id="S")
+    made = xethru.write_xethru_recording(recording, tmp_path, start_time=START, session_id="S")
     content = next(made.glob("*baseband_iq*")).read_bytes()
     n_bins = recording.radar.n_range_bins
     counter, bins, spacing_m, rate_hz, carrier_hz, start_m = struct.unpack_from("<II4f", content)
@@ -117,8 +110,8 @@ def test_q15_of_silence(tmp_path: Path, preset: str) -> None:
 def test_rf_comes_back_but_for_the_filter(tmp_path: Path, preset: str, name: str) -> None:
     recording = simulated(preset)
     steps = {"counts_per_unit": 1024.0 * 1e6} if name == "radar_rf" else {}
-    made = write_xethru_recording(recording, tmp_path, data_type=name, start_time=START, session_id="S", **steps)
-    back = read_xethru_recording(made, radar=preset, **steps)
+    made = xethru.write_xethru_recording(recording, tmp_path, data_type=name, start_time=START, session_id="S", **steps)
+    back = xethru.read_xethru_recording(made, radar=preset, **steps)
     at_m = 1.8 - 0.5 * recording.baseband.slow_time.values[:, None]
     distance_m = back.baseband.range.values - at_m
     wanted = 1e-3 * np.exp(-0.5 * (distance_m / 0.1) ** 2 - 4j * np.pi * at_m / recording.radar.wavelength_m)
@@ -134,8 +127,8 @@ def test_the_conjugate_on_request(tmp_path: Path, preset: str) -> None:
     plain = there_and_back(recording, tmp_path, preset, "baseband_iq")
     turned = there_and_back(recording, tmp_path / "b", preset, "baseband_iq", conjugate=True)
     assert np.array_equal(turned.baseband.values, plain.baseband.values.conj())
-    made = write_xethru_recording(recording, tmp_path / "c", start_time=START, session_id="S", conjugate=True)
-    again = read_xethru_recording(made, radar=preset, conjugate=True)
+    made = xethru.write_xethru_recording(recording, tmp_path / "c", start_time=START, session_id="S", conjugate=True)
+    again = xethru.read_xethru_recording(made, radar=preset, conjugate=True)
     assert np.array_equal(again.baseband.values, plain.baseband.values)
 
 
@@ -168,9 +161,9 @@ def test_counters_over_their_end_and_such_that_tell_nothing() -> None:
 def floats(folder: Path, values: Any, *, counters: Any = None, times_ms: Any = None) -> Path:
     counters = np.arange(1, len(values) + 1) if counters is None else counters
     times = 10 * np.arange(len(values)) if times_ms is None else times_ms
-    records = make_records("datafloat", content_id=0, info=counters, values=values)
-    timed = [TimedRecord(int(t), "datafloat", r.tobytes()) for t, r in zip(times, records, strict=True)]
-    return write_xethru(folder, timed, start_time=START, session_id="S")
+    records = xethru.make_records("datafloat", content_id=0, info=counters, values=values)
+    timed = [xethru.TimedRecord(int(t), "datafloat", r.tobytes()) for t, r in zip(times, records, strict=True)]
+    return xethru.write_xethru(folder, timed, start_time=START, session_id="S")
 
 
 FRAME = {"range_start_m": 0.4, "bin_spacing_m": 0.05144033, "carrier_hz": 7.29e9}
@@ -179,7 +172,7 @@ FRAME = {"range_start_m": 0.4, "bin_spacing_m": 0.05144033, "carrier_hz": 7.29e9
 def test_lost_frames_are_counted(tmp_path: Path) -> None:
     path = floats(tmp_path, np.ones((6, 4)), counters=[1, 2, 5, 6, 7, 9], times_ms=[0, 10, 40, 50, 60, 80])
     with pytest.warns(DoppelgaitWarning, match="3 of 9 pulses are missing at 2 places"):
-        recording = read_xethru_recording(path, **FRAME)
+        recording = xethru.read_xethru_recording(path, **FRAME)
     assert recording.radar.prf_hz == pytest.approx(100.0)
     assert recording.baseband.slow_time.values == pytest.approx(0.01 * np.arange(9))
 
@@ -187,19 +180,19 @@ def test_lost_frames_are_counted(tmp_path: Path) -> None:
 def test_the_order_of_i_and_q(tmp_path: Path) -> None:
     path = floats(tmp_path, np.tile([1.0, 2.0, 3.0, 4.0], (3, 1)))
     unit_v = Radar.preset("x4").volts_per_unit or 1.0
-    separate = read_xethru_recording(path, **FRAME).baseband.values[0] / unit_v
+    separate = xethru.read_xethru_recording(path, **FRAME).baseband.values[0] / unit_v
     assert separate == pytest.approx([1 + 3j, 2 + 4j])
-    in_turn = read_xethru_recording(path, iq="interleaved", **FRAME).baseband.values[0] / unit_v
+    in_turn = xethru.read_xethru_recording(path, iq="interleaved", **FRAME).baseband.values[0] / unit_v
     assert in_turn == pytest.approx([1 + 2j, 3 + 4j])
 
 
 def test_what_the_records_do_not_tell_must_be_given(tmp_path: Path) -> None:
     path = floats(tmp_path, np.ones((3, 4)), times_ms=[7, 7, 7])
     with pytest.raises(RecordingError, match=r"range_start_m, bin_spacing_m, carrier_hz, prf_hz; set .*0\.05144033"):
-        read_xethru_recording(path)
+        xethru.read_xethru_recording(path)
     with pytest.raises(RecordingError, match=r"do not state prf_hz; set prf_hz \(17 in"):
-        read_xethru_recording(path, **FRAME)
-    recording = read_xethru_recording(path, prf_hz=25.0, **FRAME)
+        xethru.read_xethru_recording(path, **FRAME)
+    recording = xethru.read_xethru_recording(path, prf_hz=25.0, **FRAME)
     assert recording.radar.prf_hz == 25.0
     assert recording.baseband.range.values == pytest.approx([0.4, 0.4 + 0.05144033])
 
@@ -207,7 +200,7 @@ def test_what_the_records_do_not_tell_must_be_given(tmp_path: Path) -> None:
 def test_rf_floats(tmp_path: Path) -> None:
     n = np.arange(200)
     frames = np.tile(np.cos(2 * np.pi * 7.29 / 23.328 * n), (4, 1))
-    recording = read_xethru_recording(
+    recording = xethru.read_xethru_recording(
         floats(tmp_path, frames), kind="rf", **{**FRAME, "bin_spacing_m": 1.5e8 / 23.328e9}
     )
     assert recording.baseband.sizes == {"slow_time": 4, "range": (200 - 27) // 8 + 1}
@@ -216,7 +209,7 @@ def test_rf_floats(tmp_path: Path) -> None:
 
 
 def test_a_frame_that_starts_behind_the_radar(tmp_path: Path) -> None:
-    recording = read_xethru_recording(floats(tmp_path, np.ones((3, 40))), **{**FRAME, "range_start_m": -0.437})
+    recording = xethru.read_xethru_recording(floats(tmp_path, np.ones((3, 40))), **{**FRAME, "range_start_m": -0.437})
     assert recording.baseband.range.values[0] == -0.437
     assert recording.radar.range_start_m == 0.0
     assert recording.radar.n_range_bins == 20
@@ -225,38 +218,40 @@ def test_a_frame_that_starts_behind_the_radar(tmp_path: Path) -> None:
 def test_settings_that_change_are_refused(tmp_path: Path) -> None:
     head = {"bin_length_m": 0.05, "sample_rate_hz": 2.9e9, "carrier_hz": 7.29e9}
     records = [
-        make_records("baseband_iq", **head, frame_counter=k, range_start_m=0.4 if k < 3 else 0.6, i=[1, 2], q=[3, 4])
+        xethru.make_records(
+            "baseband_iq", **head, frame_counter=k, range_start_m=0.4 if k < 3 else 0.6, i=[1, 2], q=[3, 4]
+        )
         for k in range(1, 5)
     ]
-    timed = [TimedRecord(10 * k, "baseband_iq", record.tobytes()) for k, record in enumerate(records)]
-    path = write_xethru(tmp_path, timed, start_time=START, session_id="S")
+    timed = [xethru.TimedRecord(10 * k, "baseband_iq", record.tobytes()) for k, record in enumerate(records)]
+    path = xethru.write_xethru(tmp_path, timed, start_time=START, session_id="S")
     with pytest.raises(RecordingError, match=r"range_start_m changes from 0\.4 to 0\.6 at record 3 of 4"):
-        read_xethru_recording(path)
+        xethru.read_xethru_recording(path)
 
 
 def test_records_of_several_sizes_are_refused(tmp_path: Path) -> None:
-    timed = [TimedRecord(k, "datafloat", struct.pack(f"<III{k}f", 0, k, k, *range(k))) for k in (2, 4)]
-    path = write_xethru(tmp_path, timed, start_time=START, session_id="S")
+    timed = [xethru.TimedRecord(k, "datafloat", struct.pack(f"<III{k}f", 0, k, k, *range(k))) for k in (2, 4)]
+    path = xethru.write_xethru(tmp_path, timed, start_time=START, session_id="S")
     with pytest.raises(RecordingError, match="differ in size"):
-        read_xethru_recording(path, **FRAME)
+        xethru.read_xethru_recording(path, **FRAME)
 
 
 def test_several_types_and_none(tmp_path: Path) -> None:
-    one = make_records("datafloat", content_id=0, info=1, values=[1, 2]).tobytes()
-    iq = make_records(
+    one = xethru.make_records("datafloat", content_id=0, info=1, values=[1, 2]).tobytes()
+    iq = xethru.make_records(
         "baseband_iq", frame_counter=1, bin_length_m=0.05, sample_rate_hz=2.9e9, carrier_hz=7.29e9, range_start_m=0.4,
         i=[1], q=[2],
     ).tobytes()  # fmt: skip
-    both = [TimedRecord(k, n, c) for k in (0, 10) for n, c in (("datafloat", one), ("baseband_iq", iq))]
-    path = write_xethru(tmp_path, both, start_time=START, session_id="S")
+    both = [xethru.TimedRecord(k, n, c) for k in (0, 10) for n, c in (("datafloat", one), ("baseband_iq", iq))]
+    path = xethru.write_xethru(tmp_path, both, start_time=START, session_id="S")
     with pytest.raises(RecordingError, match="holds datafloat, baseband_iq; name one: data_type='datafloat'"):
-        read_xethru_recording(path)
-    assert read_xethru_recording(path, data_type="baseband_iq").baseband.shape == (2, 1)
+        xethru.read_xethru_recording(path)
+    assert xethru.read_xethru_recording(path, data_type="baseband_iq").baseband.shape == (2, 1)
     with pytest.raises(RecordingError, match="data_type = 'radar_rf' is not allowed"):
-        read_xethru_recording(path, data_type="radar_rf")
-    text = write_xethru(tmp_path, [TimedRecord(0, "sleep", b"a;b\n")], start_time=START, session_id="T")
+        xethru.read_xethru_recording(path, data_type="radar_rf")
+    text = xethru.write_xethru(tmp_path, [xethru.TimedRecord(0, "sleep", b"a;b\n")], start_time=START, session_id="T")
     with pytest.raises(RecordingError, match="none of them gives a baseband"):
-        read_xethru_recording(text)
+        xethru.read_xethru_recording(text)
 
 
 @pytest.mark.parametrize(
@@ -277,7 +272,7 @@ def test_several_types_and_none(tmp_path: Path) -> None:
 def test_options_that_are_not_allowed(tmp_path: Path, options: dict[str, Any], message: str) -> None:
     path = floats(tmp_path, np.ones((3, 4)))
     with pytest.raises(RecordingError, match=message) as caught:
-        read_xethru_recording(path, **{**FRAME, **options})
+        xethru.read_xethru_recording(path, **{**FRAME, **options})
     assert str(path) in str(caught.value)
 
 
@@ -285,14 +280,14 @@ def test_what_cannot_be_written(tmp_path: Path, preset: str) -> None:
     recording = simulated(preset, n_pulses=4)
     for name, message in (("databyte", "writable are"), ("radar_rf", "counts_per_unit")):
         with pytest.raises(RecordingError, match=message):
-            write_xethru_recording(recording, tmp_path, data_type=name, start_time=START, session_id="S")
+            xethru.write_xethru_recording(recording, tmp_path, data_type=name, start_time=START, session_id="S")
     bent = recording.baseband.assign_coords(range=recording.baseband.range.values**1.01)
     with pytest.raises(RecordingError, match="not uniform"):
-        write_xethru_recording(
+        xethru.write_xethru_recording(
             Recording.from_baseband(bent, recording.radar), tmp_path, start_time=START, session_id="S"
         )
     loud = Recording.from_baseband((1e3 * recording.baseband).assign_attrs(units="V"), recording.radar)
     with pytest.warns(DoppelgaitWarning, match="clipped"):
-        write_xethru_recording(
+        xethru.write_xethru_recording(
             loud, tmp_path, data_type="radar_rf", counts_per_unit=1e6, start_time=START, session_id="S"
         )

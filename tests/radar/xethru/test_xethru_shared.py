@@ -9,16 +9,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import RecordingError
-from doppelgait.radar import Radar
-from doppelgait.radar.xethru import (
-    TimedRecord,
-    XethruRecording,
-    make_records,
-    read_xethru,
-    read_xethru_recording,
-    sniff_xethru,
-    write_xethru,
-)
+from doppelgait.radar import Radar, xethru
 from doppelgait.radar.xethru.records import META_NAME, TYPES_BY_MASK, Meta, pack_meta
 
 pytestmark = pytest.mark.shared
@@ -61,15 +52,15 @@ def find(shared: Path, name: str) -> Path:
 
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_golden_values(shared: Path, name: str) -> None:
-    recording = read_xethru(find(shared, name))
-    assert sniff_xethru(find(shared, name))
+    recording = xethru.read_xethru(find(shared, name))
+    assert xethru.sniff_xethru(find(shared, name))
     assert recording.session_id == "S"
     assert recording.profile_id == 0
     assert set(recording.streams) == set(DOCUMENTED[name])
     for kind, fields in DOCUMENTED[name].items():
         records = recording.streams[kind].records
         assert len(records) == COUNTS.get(name, 3 if "_and_" in name else 2)
-        wanted = make_records(kind, **fields)[0]
+        wanted = xethru.make_records(kind, **fields)[0]
         for field in wanted.dtype.names or ():
             np.testing.assert_array_equal(records[field], np.broadcast_to(wanted[field], records[field].shape), field)
         assert np.all(np.abs(np.diff(recording.streams[kind].time_ms) - (40 if "_and_" in name else 20)) <= 2)
@@ -77,10 +68,10 @@ def test_golden_values(shared: Path, name: str) -> None:
 
 
 def test_golden_text_and_matrices(shared: Path) -> None:
-    sleep = read_xethru(find(shared, "sleep_csv")).streams["sleep"]
+    sleep = xethru.read_xethru(find(shared, "sleep_csv")).streams["sleep"]
     assert sleep.lines[0].startswith("TimeStamp;FrameCounter;State")
     assert [line.split(";")[3] for line in sleep.lines[1:]] == ["12.5", "12.5"]
-    matrices = read_xethru(find(shared, "pulsedoppler_float")).streams["pulsedoppler_float"].records
+    matrices = xethru.read_xethru(find(shared, "pulsedoppler_float")).streams["pulsedoppler_float"].records
     assert matrices["power"].shape == (3 * 2 * 4, 5)
     assert set(matrices["instance"].tolist()) == {0, 1}
     assert set(matrices["range_index"].tolist()) == {0, 1, 2, 3}
@@ -88,26 +79,26 @@ def test_golden_text_and_matrices(shared: Path) -> None:
 
 @pytest.mark.parametrize("name", FOLDERS)
 def test_meta_files_are_packed_byte_for_byte(shared: Path, name: str) -> None:
-    found = {pack_meta(meta) for meta in read_xethru(find(shared, name)).metas}
+    found = {pack_meta(meta) for meta in xethru.read_xethru(find(shared, name)).metas}
     assert found == {path.read_bytes() for path in find(shared, name).rglob(META_NAME)}
 
 
-def timed_records(folder: Path, meta: Meta) -> list[TimedRecord]:
+def timed_records(folder: Path, meta: Meta) -> list[xethru.TimedRecord]:
     found = []
     for entry in meta.records:
         data = (folder / meta.file_names[entry["file"]]).read_bytes()
         content = data[entry["offset"] : entry["offset"] + entry["size"]]
-        found.append(TimedRecord(int(entry["time_ms"]), TYPES_BY_MASK[int(entry["data_type"])].name, content))
+        found.append(xethru.TimedRecord(int(entry["time_ms"]), TYPES_BY_MASK[int(entry["data_type"])].name, content))
     return found
 
 
 @pytest.mark.parametrize("name", WHOLE)
 def test_the_same_records_are_written_byte_for_byte(shared: Path, tmp_path: Path, name: str) -> None:
     folder, zone = find(shared, name), timezone(timedelta(hours=REAL.get(name, 0)))
-    (meta,) = read_xethru(folder).metas
+    (meta,) = xethru.read_xethru(folder).metas
     start_time = datetime.fromtimestamp(0, zone) + timedelta(milliseconds=meta.start_ms)
     options = {"start_time": start_time, "session_id": meta.session_id, "stop_ms": meta.trailer_ms}
-    again = write_xethru(tmp_path, timed_records(folder, meta), **options)
+    again = xethru.write_xethru(tmp_path, timed_records(folder, meta), **options)
     wanted = {path.name: path.read_bytes() for path in folder.iterdir()}
     wanted[META_NAME] = pack_meta(replace(meta, duration_ms=meta.trailer_ms, profile_id=0))  # else as the recorder's
     assert again.name == folder.name
@@ -115,7 +106,7 @@ def test_the_same_records_are_written_byte_for_byte(shared: Path, tmp_path: Path
 
 
 def test_the_vendors_baseband_recording(shared: Path) -> None:
-    recording = read_xethru_recording(find(shared, "x4_baseband_iq_novelda"))
+    recording = xethru.read_xethru_recording(find(shared, "x4_baseband_iq_novelda"))
     assert recording.baseband.shape == (514, 54)
     range_m = recording.baseband.range.values
     assert range_m[0] == pytest.approx(0.334321, abs=1e-6)
@@ -132,7 +123,7 @@ def test_the_vendors_baseband_recording(shared: Path) -> None:
 
 def test_noise_of_the_vendors_baseband_is_correlated_as_the_chips_taps_foretell(shared: Path) -> None:
     """Far from the person, after five differences in slow time, when the person keeps still."""
-    recording = read_xethru_recording(find(shared, "x4_baseband_iq_novelda"))
+    recording = xethru.read_xethru_recording(find(shared, "x4_baseband_iq_novelda"))
     values = np.diff(recording.baseband.values.astype(complex), n=5, axis=0)
     energy = np.sum(np.abs(values[:, :27]) ** 2, axis=1)
     values = values[energy < np.quantile(energy, 0.3), 27:]
@@ -143,15 +134,15 @@ def test_noise_of_the_vendors_baseband_is_correlated_as_the_chips_taps_foretell(
 
 def test_the_raw_recording(shared: Path) -> None:
     folder = find(shared, "x4_datafloat_marcusm111")
-    raw: XethruRecording = read_xethru(folder)
+    raw: xethru.XethruRecording = xethru.read_xethru(folder)
     records = raw.streams["datafloat"].records
     assert (len(records), records["values"].shape[1]) == (1518, 182)
     assert records["info"][0] == 1
     assert raw.session_id == "test_recording"
     with pytest.raises(RecordingError, match="do not state range_start_m, bin_spacing_m, carrier_hz"):
-        read_xethru_recording(folder)
+        xethru.read_xethru_recording(folder)
     frame = {"range_start_m": 0.38576, "bin_spacing_m": 0.05144033, "carrier_hz": 7.29e9}
-    recording = read_xethru_recording(folder, **frame)
+    recording = xethru.read_xethru_recording(folder, **frame)
     assert recording.baseband.shape == (1518, 91)
     assert recording.baseband.range.values[-1] == pytest.approx(5.0154, abs=1e-3)
     assert 1000 / recording.radar.prf_hz == pytest.approx(58.6, abs=0.1)
@@ -161,5 +152,5 @@ def test_the_raw_recording(shared: Path) -> None:
     noise = np.sqrt(np.mean(np.abs(np.diff(static, axis=0)) ** 2) / 2)
     assert 20 * np.log10(noise) == pytest.approx(-97.0, abs=3.0)
     smooth = np.abs(np.diff(recording.baseband.values, axis=1)).mean()
-    mixed = read_xethru_recording(folder, iq="interleaved", **frame).baseband.values
+    mixed = xethru.read_xethru_recording(folder, iq="interleaved", **frame).baseband.values
     assert smooth < 0.7 * np.abs(np.diff(mixed, axis=1)).mean()

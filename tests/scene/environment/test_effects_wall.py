@@ -5,17 +5,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
-from doppelgait.scene.environment import Setting, Wall, apply_environment
-from doppelgait.scene.environment.materials import (
-    MATERIALS,
-    Dielectric,
-    insertion_coefficient,
-    interpolate_coefficient,
-    relative_permittivity,
-    slab_delay_m,
-    slab_reflection,
-    slab_transmission,
-)
+from doppelgait.scene.environment import Setting, Wall, apply_environment, materials
 from doppelgait_conformance.theory import refracted_radii_m
 from echo_table import C_MPS, LAMBDA_M, echo_table
 
@@ -48,36 +38,38 @@ def film(permittivity, thickness_m, angle_deg, mode):
 )  # fmt: skip
 def test_materials_at_9_ghz_are_those_of_another_programs_table(name, real, conductivity):
     # MATLAB's buildingMaterialPermittivity, documented example at 9 GHz
-    eps = relative_permittivity(name, wavelength_m=C_MPS / 9e9)
+    eps = materials.relative_permittivity(name, wavelength_m=C_MPS / 9e9)
     assert eps.real == pytest.approx(real, rel=1e-3)
     assert -eps.imag * 9 / 17.98 == pytest.approx(conductivity, rel=1e-4)
 
 
 def test_ground_permittivity_falls_with_frequency_as_f_to_b():
-    low, high = (relative_permittivity("medium_dry_ground", wavelength_m=C_MPS / f) for f in (2e9, 8e9))
+    low, high = (materials.relative_permittivity("medium_dry_ground", wavelength_m=C_MPS / f) for f in (2e9, 8e9))
     assert high.real / low.real == pytest.approx(4.0**-0.1)
     assert high.imag / low.imag == pytest.approx(4.0**0.63)
 
 
 def test_own_material_and_its_loss():
-    eps = relative_permittivity(Dielectric(permittivity=4.0, conductivity_s_per_m=0.1), wavelength_m=C_MPS / 5e9)
+    eps = materials.relative_permittivity(
+        materials.Dielectric(permittivity=4.0, conductivity_s_per_m=0.1), wavelength_m=C_MPS / 5e9
+    )
     assert eps == pytest.approx(4.0 - 1j * 0.1 / (2 * np.pi * 5e9 * 8.8541878e-12), rel=3e-4)
 
 
 def test_band_of_a_material():
     with pytest.warns(DoppelgaitWarning, match=r"floorboard: .* 50 to 100 GHz, but the carrier is 7.29 GHz"):
-        relative_permittivity("floorboard", wavelength_m=LAMBDA_M)
+        materials.relative_permittivity("floorboard", wavelength_m=LAMBDA_M)
     with pytest.raises(ConfigError, match=r"wet_ground: .* 1 to 10 GHz, but the carrier is 24 GHz"):
-        relative_permittivity("wet_ground", wavelength_m=C_MPS / 24e9)
+        materials.relative_permittivity("wet_ground", wavelength_m=C_MPS / 24e9)
     with pytest.raises(ConfigError, match="'gold' is not known; known are concrete"):
-        relative_permittivity("gold", wavelength_m=LAMBDA_M)
-    assert {"concrete", "glass", "very_dry_ground"} <= set(MATERIALS)
+        materials.relative_permittivity("gold", wavelength_m=LAMBDA_M)
+    assert {"concrete", "glass", "very_dry_ground"} <= set(materials.MATERIALS)
 
 
 @pytest.mark.parametrize("mode", ["te", "tm"])
 def test_slab_equals_the_characteristic_matrix(mode):
-    r = slab_reflection(COSINES, mode=mode, **SLAB)
-    t = slab_transmission(COSINES, mode=mode, **SLAB)
+    r = materials.slab_reflection(COSINES, mode=mode, **SLAB)
+    t = materials.slab_transmission(COSINES, mode=mode, **SLAB)
     expected = [film(SLAB["permittivity"], SLAB["thickness_m"], angle, mode) for angle in ANGLES_DEG]
     np.testing.assert_allclose(r, [one[0] for one in expected], rtol=1e-9)
     np.testing.assert_allclose(t, [one[1] for one in expected], rtol=1e-9)
@@ -86,12 +78,12 @@ def test_slab_equals_the_characteristic_matrix(mode):
 def test_no_slab_no_change_and_metal_stops_all():
     air = {"permittivity": 1 + 0j, "thickness_m": 0.3, "wavelength_m": LAMBDA_M}
     for mode in ("te", "tm"):
-        np.testing.assert_allclose(insertion_coefficient(COSINES, mode=mode, **air), 1.0, rtol=1e-12)
-    metal = relative_permittivity("metal", wavelength_m=LAMBDA_M)
+        np.testing.assert_allclose(materials.insertion_coefficient(COSINES, mode=mode, **air), 1.0, rtol=1e-12)
+    metal = materials.relative_permittivity("metal", wavelength_m=LAMBDA_M)
     options = {"permittivity": metal, "thickness_m": 0.001, "wavelength_m": LAMBDA_M}
-    np.testing.assert_allclose(slab_reflection(COSINES, mode="te", **options), -1.0, rtol=1e-3)
-    np.testing.assert_allclose(slab_reflection(COSINES, mode="tm", **options), 1.0, rtol=5e-3)
-    assert np.all(np.isfinite(slab_transmission(np.array([0.0, 1.0]), mode="tm", **options)))
+    np.testing.assert_allclose(materials.slab_reflection(COSINES, mode="te", **options), -1.0, rtol=1e-3)
+    np.testing.assert_allclose(materials.slab_reflection(COSINES, mode="tm", **options), 1.0, rtol=5e-3)
+    assert np.all(np.isfinite(materials.slab_transmission(np.array([0.0, 1.0]), mode="tm", **options)))
 
 
 def test_delay_at_an_angle_is_that_of_the_refracted_way():
@@ -108,7 +100,7 @@ def test_delay_at_an_angle_is_that_of_the_refracted_way():
         options={"xatol": 1e-12},
     ).fun  # Fermat
     straight = np.hypot(far_m, aside_m)
-    delay = slab_delay_m(far_m / straight, permittivity=eps + 0j, thickness_m=d)
+    delay = materials.slab_delay_m(far_m / straight, permittivity=eps + 0j, thickness_m=d)
     assert delay == pytest.approx(shortest - straight, rel=3e-3)
 
 
@@ -121,17 +113,17 @@ def test_many_rays_by_fewer_values(mode, thickness_m):
 
     def coefficient(c):
         calls.append(c.size)
-        return insertion_coefficient(c, **options)
+        return materials.insertion_coefficient(c, **options)
 
-    quick = interpolate_coefficient(coefficient, cosines, thickness_m=thickness_m, wavelength_m=LAMBDA_M)
-    np.testing.assert_allclose(quick, insertion_coefficient(cosines, **options), rtol=0, atol=3e-5)
+    quick = materials.interpolate_coefficient(coefficient, cosines, thickness_m=thickness_m, wavelength_m=LAMBDA_M)
+    np.testing.assert_allclose(quick, materials.insertion_coefficient(cosines, **options), rtol=0, atol=3e-5)
     assert calls[0] < cosines.size / 10
     grid = np.linspace(cosines.min(), cosines.max(), calls[0])
-    assert quick.tobytes() == np.interp(cosines, grid, insertion_coefficient(grid, **options)).tobytes()
+    assert quick.tobytes() == np.interp(cosines, grid, materials.insertion_coefficient(grid, **options)).tobytes()
     few = cosines[:1, :5]
     np.testing.assert_array_equal(
-        interpolate_coefficient(coefficient, few, thickness_m=thickness_m, wavelength_m=LAMBDA_M),
-        insertion_coefficient(few, **options),
+        materials.interpolate_coefficient(coefficient, few, thickness_m=thickness_m, wavelength_m=LAMBDA_M),
+        materials.insertion_coefficient(few, **options),
     )
 
 
@@ -153,7 +145,7 @@ def spreading(range_m, angle_deg, eps, thickness_m):
 @pytest.mark.parametrize("range_m", [1.0, 2.0, 4.0, 8.0])
 def test_level_behind_brick_is_that_of_the_sum_of_plane_waves(range_m):
     """Spherical wave behind a slab: Weyl's integral of plane waves along the path of steepest descent, both ways."""
-    d, eps = 0.115, relative_permittivity("brick", wavelength_m=LAMBDA_M)
+    d, eps = 0.115, materials.relative_permittivity("brick", wavelength_m=LAMBDA_M)
     node, weight = np.polynomial.laguerre.laggauss(60)
     cosine = np.append(1 - 1j * node / (K * range_m), 1.0)
     inside = np.sqrt(eps - 1 + cosine**2)
@@ -208,7 +200,10 @@ def test_oblique_rays_cross_by_their_te_and_tm_parts(polarisation):
     before = echo_table(position, SETTING.radar_position_m)
     after = apply_environment(before, [wall], SETTING)
     echo = after["path_gain"].values[0] * (before["range"] / after["range"]).values[0] ** 4
-    normal, eps = np.array([np.cos(turn), np.sin(turn), 0.0]), relative_permittivity("glass", wavelength_m=LAMBDA_M)
+    normal, eps = (
+        np.array([np.cos(turn), np.sin(turn), 0.0]),
+        materials.relative_permittivity("glass", wavelength_m=LAMBDA_M),
+    )
     for n, place in enumerate(position[0] - SETTING.radar_position_m):
         u = place / np.linalg.norm(place)
         level = np.cross([0.0, 0.0, 1.0], u)

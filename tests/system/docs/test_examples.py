@@ -28,11 +28,6 @@ SMALLER = {"examples_per_class": "16"}
 """What makes the pages' datasets quick; the pages say how many a reader gets."""
 
 
-def marks_of(page: Path) -> tuple[pytest.MarkDecorator, ...]:
-    """`make test` runs the commands and the code of one page."""
-    return () if page.stem == "own-impairment" else (pytest.mark.release,)
-
-
 Run = Callable[[str], None]
 
 
@@ -136,7 +131,10 @@ def _install(source: Path, target: Path) -> None:
         plugins._load_packages()
 
 
-@pytest.mark.parametrize("page", [pytest.param(page, id=page.stem, marks=marks_of(page)) for page in PAGES])
+@pytest.mark.parametrize(
+    "page",  # `make test` runs the commands and the code of one page
+    [pytest.param(p, id=p.stem, marks=[pytest.mark.release] * (p.stem != "own-impairment")) for p in PAGES],
+)
 def test_page_does_what_it_says(page: Path, run_page: Run) -> None:
     run_page(page.read_text())
 

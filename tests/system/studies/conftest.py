@@ -23,3 +23,8 @@ def studies_on_path() -> Iterator[None]:
 def study(request: pytest.FixtureRequest) -> ModuleType:
     """Script that a file tests: ``everyday.py`` of ``test_everyday.py``."""
     return import_module(request.path.stem.removeprefix("test_").removesuffix("_shared"))
+
+
+@pytest.fixture(scope="module")
+def images() -> ModuleType:
+    return import_module("sim_to_real_xband_images")

@@ -19,21 +19,12 @@ def motions() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def images() -> ModuleType:
-    return import_module("sim_to_real_xband_images")
-
-
-@pytest.fixture(scope="module")
 def models() -> ModuleType:
     return import_module("sim_to_real_models")
 
 
-def walk(motions: ModuleType) -> Any:
-    return motions.make_model_motion("human", 1.2, SECONDS, np.random.default_rng(1))
-
-
 def test_at_half_the_pace_it_goes_half_as_far(motions: ModuleType) -> None:
-    motion = walk(motions)
+    motion = motions.make_model_motion("human", 1.2, SECONDS, np.random.default_rng(1))
     slow = motions.hurried(motion, SECONDS, lambda times_s: np.full_like(times_s, 0.5))
     whole, half = (one.position_m[450].mean(axis=0)[0] - one.position_m[0].mean(axis=0)[0] for one in (motion, slow))
     assert half / whole == pytest.approx(0.5, abs=0.05)

@@ -18,25 +18,15 @@ def measures() -> ModuleType:
     return import_module("xband_measures")
 
 
-@pytest.fixture(scope="module")
-def images() -> ModuleType:
-    return import_module("sim_to_real_xband_images")
-
-
 def tone(velocity_mps: float) -> np.ndarray:
     """Sweeps of a point that approaches at constant speed."""
     return np.exp(2j * np.pi * (2.0 * velocity_mps / WAVELENGTH_M) * PRI_S * np.arange(5120))
 
 
-def row_of(velocity_mps: float) -> int:
-    """Row 0 is +4.6 m/s, row 128 is 0."""
-    return round((4.6 - velocity_mps) / ROW_MPS)
-
-
 @pytest.mark.parametrize("velocity_mps", [56 * ROW_MPS, -28 * ROW_MPS, 14 * ROW_MPS])
 def test_approaching_is_above_zero(measures: ModuleType, velocity_mps: float) -> None:
     power = measures.pixel_power(tone(velocity_mps))
-    assert int(power[:, 300].argmax()) == row_of(velocity_mps)
+    assert int(power[:, 300].argmax()) == round((4.6 - velocity_mps) / ROW_MPS)  # row 0 is +4.6 m/s
     assert power.max() == pytest.approx(1.0, abs=0.01)  # the window has sum 1
 
 
