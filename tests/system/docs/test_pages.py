@@ -32,7 +32,7 @@ INTERNAL = {
     "Conditions",  # the lists of a scene file, which stand at its top
     "Parquet", "WebDataset", "Zarr",  # options of an export
     "RowSpec", "ExampleSpec", "EmptySceneOptions", "Run",  # what configurations are resolved to
-    "Facts", "Patch", "Training",  # inside a model file
+    "Facts", "Patch", "Training", "Holder",  # inside a model file, and a lock
     "A111Settings", "Settings", "Subsweep", "ExpmapSkeleton",  # inside records of other programs
 }  # fmt: skip
 """Models whose keys no user writes into a file."""
