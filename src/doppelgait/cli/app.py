@@ -5,6 +5,7 @@ Heavy imports happen inside the commands.
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable
 from typing import Annotated, Any
@@ -29,7 +30,6 @@ from doppelgait.cli import (
 from doppelgait.cli.output import print_message, show_warnings_plainly
 from doppelgait.core.errors import ConfigError, DoppelgaitError, explain_memory
 from doppelgait.core.interrupt import is_stop_requested
-from doppelgait.core.worker import collect_garbage_rarely
 
 
 class _Commands(TyperGroup):
@@ -138,7 +138,7 @@ def options(
 def main() -> None:
     """Run the command line."""
     try:
-        collect_garbage_rarely()
+        gc.set_threshold(5000)
         show_warnings_plainly()
         explain_memory(app)()
     except KeyboardInterrupt as stop:

@@ -169,11 +169,7 @@ def describe_points(
 
 @dataclass(frozen=True, eq=False)
 class ScattererTable:
-    """Scatterers at every pulse as plain arrays (slow_time, scatterer).
-
-    ``values`` have the names of :data:`SCATTERER_VARIABLES`; equal rows may be one broadcast row, and values of long
-    recordings may be rows on demand. ``columns`` are ``target``, ``marker``, ``part`` and others along ``scatterer``.
-    """
+    """Scatterers at every pulse: ``values`` (slow_time, scatterer), broadcast or on demand, and ``columns``."""
 
     slow_time_s: npt.NDArray[np.float64]
     values: Mapping[str, Any]

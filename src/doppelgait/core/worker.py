@@ -73,14 +73,9 @@ def _find_blas() -> Any:
     return ThreadpoolController()
 
 
-def collect_garbage_rarely() -> None:
-    """Run Python's garbage collector only every 5000 objects."""
-    gc.set_threshold(5000)
-
-
 def prepare_worker() -> None:
     """Prepare a new worker process; this is its first call."""
-    collect_garbage_rarely()
+    gc.set_threshold(5000)  # objects; 700 by default
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if "pandas" not in sys.modules:
         sys.modules.setdefault("pyarrow", None)  # type: ignore[arg-type]
