@@ -29,7 +29,7 @@ from doppelgait.cli import (
 )
 from doppelgait.cli.output import print_message, show_warnings_plainly
 from doppelgait.core.errors import ConfigError, DoppelgaitError, explain_memory
-from doppelgait.core.interrupt import is_stop_requested
+from doppelgait.core.interrupt import Stop
 
 
 class _Commands(TyperGroup):
@@ -145,7 +145,7 @@ def main() -> None:
         print_message(f"\n{stop}" if str(stop) else "\nstopped")
         sys.exit(130)
     except Exception as error:
-        if is_stop_requested():  # a library reported the interruption as an error
+        if Stop.came:  # a library reported the interruption as an error
             print_message("\nstopped")
             sys.exit(130)
         if isinstance(error, BrokenPipeError):

@@ -23,10 +23,9 @@ Turns = npt.NDArray[np.float64]
 Rows = Callable[[int, int], Matrix]
 T = TypeVar("T", np.float32, np.float64)
 
+WHITE: Factor = np.ones(1, dtype=np.float32)  # factor of white noise
 ROWS = 32
 """Rows of planes or of a matrix that are processed together, so that intermediate results stay in the cache."""
-
-
 LARGEST_SPARE_BYTES = 1 << 25
 """Maximum size of memory that a thread keeps for its next samples or table. Larger memory is released at once."""
 MAX_SPARE_BYTES = 1 << 26  # maximum size of all memory that a thread keeps
@@ -57,9 +56,6 @@ def borrow_memory(shape: tuple[int, ...], dtype: type[T]) -> npt.NDArray[T]:
 def _return_memory(spare: Spare, size: int, memory: npt.NDArray[np.uint8]) -> None:
     if sum(other for other, _ in spare) + size <= MAX_SPARE_BYTES:
         spare.append((size, memory))
-
-
-WHITE: Factor = np.ones(1, dtype=np.float32)  # factor of white noise
 
 
 class Noise(NamedTuple):

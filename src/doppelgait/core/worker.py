@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+PR_SET_PDEATHSIG = 1
 KEPT_BYTES = 256 * 2**20
 
 WORKER_ENVIRONMENT = {
@@ -101,9 +102,6 @@ def serve(pipes: Sequence[Connection]) -> None:
     for worker in workers:
         os.waitpid(worker, 0)
     os._exit(0)  # an ordinary exit takes a quarter of a second to unload modules
-
-
-PR_SET_PDEATHSIG = 1
 
 
 def _receive(pipe: Connection) -> Any:
