@@ -7,7 +7,6 @@ SigMF, or a folder for a XeThru recording.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,6 +23,7 @@ from doppelgait.cli.output import (
     print_json,
     print_message,
 )
+from doppelgait.core.documents import parse_toml
 from doppelgait.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -207,7 +207,7 @@ def put_target_options(
     first.update(facts)
 
 
-DEMO_SCENE: dict[str, Any] = tomllib.loads(Path(__file__).with_name("demo.toml").read_text(encoding="utf-8"))
+DEMO_SCENE: dict[str, Any] = parse_toml(Path(__file__).with_name("demo.toml").read_text(encoding="utf-8"))
 """Scene file of the demonstration: an approaching person and a receding dog pass each other."""
 
 
