@@ -83,7 +83,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 def _forget_signals() -> Iterator[None]:
     """Commands answer a signal with status 130, also one that an earlier test of this process sent to itself."""
     yield
-    interrupt._mark.came = False
+    interrupt.Stop.came = False
 
 
 @pytest.fixture

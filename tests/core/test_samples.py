@@ -118,6 +118,8 @@ def test_functions_of_numpy_and_further_operators_are_those_of_the_matrix(layout
     assert np.asarray(samples).dtype == np.complex64
     assert samples[3, 2] == plain[3, 2]
     assert len(samples) == N_PULSES
+    with pytest.raises(TypeError):  # an array is not changed in place
+        np.add(plain, samples, out=plain)
     np.testing.assert_array_equal(samples, plain, "nothing was changed in place")
 
 

@@ -144,12 +144,3 @@ def test_a_package_that_fails_or_takes_a_name_is_left_out_whole_with_a_warning(t
         (tmp_path / f"{name}_plugins.py").write_text(text)
         install(tmp_path, name, f"[doppelgait.plugins]\n{name} = {name}_plugins\n")
     assert processes.python(LOOK, PYTHONPATH=str(tmp_path)).stdout.strip() == "2 [] False doppelgait"
-
-
-def test_a_package_of_version_0_1_0_is_left_out_with_what_to_do(tmp_path):
-    install(tmp_path, "old", "[doppelgait.impairments]\nhum = old_hum:hum\n")
-    look = "from doppelgait.core.plugins import list_foreign_plugins; print(list_foreign_plugins())"
-    done = processes.python(look, PYTHONPATH=str(tmp_path))
-    assert done.stdout.strip() == "[]"
-    assert "'hum' (old_hum:hum) is in the entry-point group 'doppelgait.impairments', which is not read" in done.stderr
-    assert "doppelgait.plugins" in done.stderr

@@ -5,6 +5,7 @@ Heavy imports happen inside the commands.
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable
 from typing import Annotated, Any
@@ -28,8 +29,7 @@ from doppelgait.cli import (
 )
 from doppelgait.cli.output import print_message, show_warnings_plainly
 from doppelgait.core.errors import ConfigError, DoppelgaitError, explain_memory
-from doppelgait.core.interrupt import is_stop_requested
-from doppelgait.core.worker import collect_garbage_rarely
+from doppelgait.core.interrupt import Stop
 
 
 class _Commands(TyperGroup):
@@ -138,14 +138,14 @@ def options(
 def main() -> None:
     """Run the command line."""
     try:
-        collect_garbage_rarely()
+        gc.set_threshold(5000)
         show_warnings_plainly()
         explain_memory(app)()
     except KeyboardInterrupt as stop:
         print_message(f"\n{stop}" if str(stop) else "\nstopped")
         sys.exit(130)
     except Exception as error:
-        if is_stop_requested():  # a library reported the interruption as an error
+        if Stop.came:  # a library reported the interruption as an error
             print_message("\nstopped")
             sys.exit(130)
         if isinstance(error, BrokenPipeError):

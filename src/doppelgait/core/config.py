@@ -17,6 +17,15 @@ from doppelgait.core.documents import parse_json, parse_toml, read_document
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.keys import TABLES, expand_docstring
 
+M = TypeVar("M", bound=BaseModel)
+MIN_SIZE, MAX_SIZE = 1e-30, 1e30
+"""Sizes of parameters in SI units, the lower one of those above 0: their products are numbers, too."""
+SHOWN_FAULTS, SHOWN_KEY = 8, 60
+"""Maximum number of faults in one error message, and of characters shown of each part of a key."""
+_TAG = re.compile(r".*[\[({].*|str|int|float|bool|bytes|none|any|dict|list|tuple|set")
+"""Names that Pydantic adds to the location of a fault, for the member of a union or the key of a mapping."""
+_NAMED_KEY = re.compile(r"(\w+(?:\.\w+)*): ")  # pattern of a key at the start of a message
+
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass as _Checked
 else:
@@ -41,10 +50,6 @@ else:
                 raise _make_error(f"{cls.__name__}: ", _find_faults(error, cls, data)) from None
 
 
-MIN_SIZE, MAX_SIZE = 1e-30, 1e30
-"""Sizes of parameters in SI units, the lower one of those above 0: their products are numbers, too."""
-
-
 def _is_sensible(value: Any, least: float) -> bool:
     if isinstance(value, list | tuple):
         return all(_is_sensible(inner, least) for inner in value)
@@ -52,10 +57,7 @@ def _is_sensible(value: Any, least: float) -> bool:
 
 
 class FrozenModel(BaseModel, metaclass=_Checked):
-    """Immutable base of all parameter models.
-
-    Unknown keys, NaN, infinity and text in place of a number are refused.
-    """
+    """Immutable parameters: unknown keys, NaN, infinity and texts as numbers are refused."""
 
     POSITIONAL: ClassVar[tuple[str, ...]] = ()  # fields that Python code may pass by position
 
@@ -101,11 +103,6 @@ class FrozenModel(BaseModel, metaclass=_Checked):
             if (set(get_args(annotation)) or {annotation}) <= {int, float, type(None)}:
                 raise ValueError("must be a number")
         return value
-
-
-M = TypeVar("M", bound=BaseModel)
-SHOWN_FAULTS, SHOWN_KEY = 8, 60
-"""Maximum number of faults in one error message, and of characters shown of each part of a key."""
 
 
 def check_type(value: Any, kinds: type | tuple[type, ...], name: str, remedy: str) -> None:
@@ -182,10 +179,6 @@ def _find_faults(error: ValidationError, model: type[BaseModel], data: Any) -> l
     return faults
 
 
-_TAG = re.compile(r".*[\[({].*|str|int|float|bool|bytes|none|any|dict|list|tuple|set")
-"""Names that Pydantic adds to the location of a fault, for the member of a union or the key of a mapping."""
-
-
 def _place_in(data: Any, location: Sequence[str | int]) -> tuple[str | int, ...]:
     place: list[str | int] = []
     current = data
@@ -204,9 +197,6 @@ def reword_fault(message: str) -> str:
     for pattern, words in TABLES["messages"].items():
         message = re.sub(pattern, words, message)
     return message
-
-
-_NAMED_KEY = re.compile(r"(\w+(?:\.\w+)*): ")  # pattern of a key at the start of a message
 
 
 def _describe(fault: Any, location: tuple[str | int, ...], model: type[BaseModel]) -> Fault:

@@ -33,6 +33,8 @@ MAX_DEPTH = 64
 MAX_DIGITS = 40  # maximum number of digits of an integer. Seeds have up to 128 bits.
 _LONG_KEY = re.compile(rf"""(?<![\w"'.-])(?:[\w"'-]+\s*\.\s*){{{MAX_DEPTH}}}""")
 """Pattern of a long dotted TOML key; parsing takes time with the cube of its parts."""
+_TOO_DEEP = f"it is nested deeper than {MAX_DEPTH} levels"
+_TOO_LONG = f"it has an integer of more than {MAX_DIGITS} digits"
 _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 
 
@@ -88,10 +90,6 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ValueError(_TOO_LONG) from None
     _check_depth(value, integers=True)
     return value
-
-
-_TOO_DEEP = f"it is nested deeper than {MAX_DEPTH} levels"
-_TOO_LONG = f"it has an integer of more than {MAX_DIGITS} digits"
 
 
 def _parse_integer(digits: str) -> int:

@@ -18,8 +18,6 @@ _PACKAGE = str(Path(__file__).parents[1]) + os.sep
 
 MAX_TEXT = 2000
 """Maximum number of characters of an error message. The middle of a longer message is left out."""
-
-
 CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u2069\ud800-\udfff]")
 """Characters of files that steer a terminal or change the order of a text, and half characters."""
 

@@ -18,6 +18,8 @@ from doppelgait.core.documents import parse_json, read_document, stat_regular
 from doppelgait.core.errors import ConfigError, DoppelgaitError, OutputError
 from doppelgait.core.own_hdf5 import FAULTS, open_hdf5
 
+PAGE = "index.html"
+MAX_ENTRIES = 250_000  # maximum number of files and folders in a folder of input
 _NUMBERS = count()
 
 
@@ -126,9 +128,6 @@ def hash_file(path: Path) -> str:
         return hashlib.file_digest(handle, "sha256").hexdigest()
 
 
-MAX_ENTRIES = 250_000  # maximum number of files and folders in a folder of input
-
-
 def list_files(root: Path, pattern: str = "*") -> list[Path]:
     """List the regular files below a folder; no whole disk, and no link to a folder."""
     count, whole = 0, root.resolve() == Path(root.resolve().anchor)
@@ -142,9 +141,6 @@ def list_files(root: Path, pattern: str = "*") -> list[Path]:
         return sorted(path for path in root.rglob(pattern) if path.is_file())
     except (OSError, ValueError, NotImplementedError) as error:
         raise ConfigError(f"{root}: the pattern {pattern!r} is not allowed: {error}") from None
-
-
-PAGE = "index.html"
 
 
 def check_out(out: Path, *, listing: str, file_format: str, command: str) -> None:
@@ -178,15 +174,11 @@ def complete_folder(out: Path) -> Iterator[Path]:
         yield partial
         if out.exists():
             out.rename(before)
-        try:
-            partial.rename(out)
-        except OSError:
-            if before.exists():
-                before.rename(out)
-            raise
+        partial.rename(out)
     except OSError as error:
         raise OutputError(f"{out}: cannot be written: {error}") from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-        if out.exists():
-            shutil.rmtree(before, ignore_errors=True)
+        if before.exists() and not out.exists():
+            before.rename(out)
+        shutil.rmtree(before, ignore_errors=True)

@@ -87,10 +87,8 @@ def find_burst_pulses(time_s: FloatArray) -> int | None:
 
 
 def prove_bursts(time_s: FloatArray) -> tuple[int, npt.NDArray[np.bool_]] | None:
-    """Return the pulses of a burst, and which pulses are in whole bursts; None without proof.
-
-    Bursts are alike and regular; pulses that a recorder lost are few, and a pause is rare.
-    """
+    """Return the pulses of a burst, and which pulses are in whole bursts; None without proof."""
+    # Bursts are alike and regular; pulses that a recorder lost are few, and a pause is rare.
     steps = np.diff(time_s)
     if steps.size < 2 or not (steps >= 0).all():
         return None

@@ -16,7 +16,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 GRACE_SECONDS = 8.0  # time that a command has to stop in order before it is terminated
 
 
-class _StopRequest:
+class Stop:
     """Flags of the signals to stop and of their handling."""
 
     requested = False  # true if a signal has arrived in the current block of stop_in_order
@@ -25,19 +25,16 @@ class _StopRequest:
     watched = False  # true if restore_signals has installed its handlers in this process
 
 
-_mark = _StopRequest()
-
-
 @contextmanager
 def stop_in_order() -> Iterator[None]:
     """Let SIGINT and SIGTERM stop this block only at :func:`raise_if_stopped`."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    inner, late = _mark.active, False
+    inner, late = Stop.active, False
     before = {} if inner else {number: signal.getsignal(number) for number in SIGNALS}
     if not inner:
-        _mark.requested, _mark.active = False, True
+        Stop.requested, Stop.active = False, True
     try:
         for number, handler in before.items():
             if handler not in (signal.SIG_IGN, None):
@@ -49,30 +46,30 @@ def stop_in_order() -> Iterator[None]:
             if handler is not None:
                 signal.signal(number, handler)
         if not inner:
-            late, _mark.requested, _mark.active = _mark.requested, False, False
+            late, Stop.requested, Stop.active = Stop.requested, False, False
     if late:  # a signal arrived after the last check of the flag
         raise KeyboardInterrupt
 
 
 def raise_if_stopped() -> None:
     """Raise KeyboardInterrupt if a stop signal has arrived (:func:`stop_in_order`)."""
-    if _mark.requested:
+    if Stop.requested:
         raise KeyboardInterrupt
 
 
 def _request(number: int, frame: FrameType | None) -> None:
-    if _mark.requested:
+    if Stop.requested:
         signal.signal(number, signal.SIG_DFL)
         signal.raise_signal(number)
-    _mark.requested = _mark.came = True
+    Stop.requested = Stop.came = True
 
 
 def restore_signals() -> None:
     """Make sure that SIGINT and SIGTERM end this process."""
     alone = threading.current_thread() is threading.main_thread()
-    if _mark.watched or not alone or not hasattr(os, "register_at_fork"):
+    if Stop.watched or not alone or not hasattr(os, "register_at_fork"):
         return
-    _mark.watched = True
+    Stop.watched = True
     for number in SIGNALS:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, _raise)
@@ -83,13 +80,8 @@ def restore_signals() -> None:
     threading.Thread(target=_end_after_delay, args=(here,), daemon=True, name="end on signals").start()
 
 
-def is_stop_requested() -> bool:
-    """Return True if a stop signal has arrived."""
-    return _mark.came
-
-
 def _raise(number: int, frame: FrameType | None) -> None:
-    _mark.came = True
+    Stop.came = True
     raise KeyboardInterrupt
 
 
@@ -102,7 +94,7 @@ def _end_after_delay(pipe: int) -> None:
         while select.select([pipe], [], [], max(0.0, end - time.monotonic()))[0]:
             if {*os.read(pipe, 64)} & wanted:
                 _end_process()
-        if not _mark.active:
+        if not Stop.active:
             _thread.interrupt_main()  # again, in case a library has caught the exception
             if select.select([pipe], [], [], 0.01)[0]:  # the byte of this interrupt, not of a second signal
                 os.read(pipe, 64)

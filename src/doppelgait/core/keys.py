@@ -16,7 +16,7 @@ from pydantic_core import PydanticUndefined
 from doppelgait.core.documents import parse_toml
 
 TABLES = parse_toml(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8"))
-"""Units by suffix, texts of limits, and the rewording of Pydantic's messages."""
+"""Units by suffix, texts of limits, the rewording of Pydantic's messages, and files of no domain."""
 
 KINDS = {float: "number", int: "integer", str: "text", bool: "true, false", dict: "table", Any: "any"}
 PARAMETER = re.compile(r"^([A-Za-z_][\w, ]*?)(?: : .*)?$((?:\n[ \t].*)*)", re.MULTILINE)

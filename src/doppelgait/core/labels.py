@@ -16,6 +16,9 @@ from doppelgait.core.lazy import LateRows, lazy_rows, xr
 if TYPE_CHECKING:
     from xarray.core.indexing import LazilyIndexedArray
 
+Kind = TypeVar("Kind", bound=type)
+P = ParamSpec("P")
+R = TypeVar("R")
 SPACE = ("x", "y", "z")
 
 COORDINATE_UNITS = {
@@ -67,6 +70,8 @@ The angles are optional. ``path_phase`` exists only if a limb, a wall or a refle
 phase of an echo. It is added to -4 pi R / lambda.
 """
 
+STEP_LENGTHS = {"ground_step_length_m": "step length on the ground", "step_length_m": "step length, radial"}
+"""Names of both step lengths in display order. The report uses the radial one."""
 OTHER_SIDES = "other_sides"  # of a column: another body in receding Doppler rows (1), in approaching (2), in both (3)
 Coord = tuple[tuple[str, ...], npt.NDArray[Any], Mapping[Any, Any]]  # dimensions, values and attributes
 
@@ -169,11 +174,7 @@ def describe_points(
 
 @dataclass(frozen=True, eq=False)
 class ScattererTable:
-    """Scatterers at every pulse as plain arrays (slow_time, scatterer).
-
-    ``values`` have the names of :data:`SCATTERER_VARIABLES`; equal rows may be one broadcast row, and values of long
-    recordings may be rows on demand. ``columns`` are ``target``, ``marker``, ``part`` and others along ``scatterer``.
-    """
+    """Scatterers at every pulse: ``values`` (slow_time, scatterer), broadcast or on demand, and ``columns``."""
 
     slow_time_s: npt.NDArray[np.float64]
     values: Mapping[str, Any]
@@ -252,9 +253,6 @@ def takes_arrays(function: Callable[..., Any]) -> bool:
     return name in (ScattererTable, AnyTable, "ScattererTable", "AnyTable")
 
 
-Kind = TypeVar("Kind", bound=type)
-
-
 def labels_on_demand(*names: str) -> Callable[[Kind], Kind]:
     """Keep fields of a dataclass plain until somebody reads them."""
 
@@ -275,8 +273,6 @@ def labels_on_demand(*names: str) -> Callable[[Kind], Kind]:
     return change
 
 
-P = ParamSpec("P")
-R = TypeVar("R")
 AnySignal = TypeVar("AnySignal", "xr.DataArray", Signal)
 Labelled = TypeVar("Labelled", "xr.DataArray", Signal, "xr.Dataset", ScattererTable)
 
@@ -418,7 +414,3 @@ def sampling_rate_hz(axis: npt.ArrayLike) -> float:
     if times.size < 2 or not times[-1] > times[0]:
         raise AnalysisError(f"a time axis needs two or more rising samples; this one has {times.size}")
     return float((times.size - 1) / (times[-1] - times[0]))
-
-
-STEP_LENGTHS = {"ground_step_length_m": "step length on the ground", "step_length_m": "step length, radial"}
-"""Names of both step lengths in display order. The report uses the radial one."""

@@ -249,11 +249,7 @@ def list_foreign_plugins() -> list[Plugin[Any]]:
 
 
 def identify_plugins(tables: Any, files: Mapping[str, Sequence[Path]] | None = None) -> list[dict[str, Any]]:
-    """Identify the plug-ins of other packages in a configuration, and readers of files by their group.
-
-    A plug-in is used if its name is the value, or one of the choices, of a key ``kind`` or of a key
-    with the name of its group. Features are always used, since every feature is computed.
-    """
+    """Identify the plug-ins of other packages that a configuration names, readers that take a file, and features."""
     foreign = list_foreign_plugins()
     names: dict[str, set[str]] = {}
 
@@ -295,19 +291,7 @@ def read_head(path: Path) -> bytes:
 def _load_packages() -> None:
     """Import the plug-in modules of installed packages, once; a failed import causes a warning."""
     with _LOADING:
-        found = entry_points()
-        ours = [
-            entry for group in found.groups if group.startswith("doppelgait.") for entry in found.select(group=group)
-        ]
-        for entry in ours:
-            if entry.group not in (ENTRY_POINTS, "doppelgait.commands") and entry.value not in _LOADED:
-                _LOADED.add(entry.value)  # of a group of version 0.1.0
-                warn_caller(
-                    f"the plug-in {entry.name!r} ({entry.value}) is in the entry-point group {entry.group!r}, which is "
-                    f"not read, and is left out; name a module in the group {ENTRY_POINTS!r} that registers it with "
-                    "doppelgait.plugin"
-                )
-        new = [entry for entry in ours if entry.group == ENTRY_POINTS and entry.value not in _LOADED]
+        new = [entry for entry in entry_points(group=ENTRY_POINTS) if entry.value not in _LOADED]
         if not new:
             return
         _LOADED.update(entry.value for entry in new)

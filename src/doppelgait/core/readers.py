@@ -18,6 +18,7 @@ from types import UnionType
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
+from doppelgait.core.keys import TABLES
 from doppelgait.core.plugins import Group, Plugin, read_head
 
 T = TypeVar("T")
@@ -45,14 +46,7 @@ def read_other_files(tables: Mapping[str, Any], **remedies: Callable[[Path], str
     )
 
 
-OTHER_FILES = (
-    OtherFile((".png", ".jpg", ".jpeg", ".gif", ".tif", ".svg", ".pdf"), "a picture", "use the file that it shows"),
-    OtherFile((".mp4", ".avi", ".mov", ".mkv", ".webm"), "a video", "use the data of the sensor, not its picture"),
-    OtherFile((".xlsx", ".xls", ".ods"), "a spreadsheet", "save its table as .csv"),
-    OtherFile((".pkl", ".pickle", ".pt", ".joblib"), "a Python pickle, which may run code", "use numpy.savez"),
-    OtherFile((".zip", ".7z", ".rar", ".gz", ".tar", ".xz"), "an archive", "unpack it and give a file of it"),
-    OtherFile((".parquet", ".feather", ".arrow"), "a table of columns", "save it as .csv", (b"PAR1", b"ARROW1")),
-)
+OTHER_FILES = read_other_files(TABLES["others"])
 """Files that belong to no domain."""
 WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 

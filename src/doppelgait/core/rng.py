@@ -5,7 +5,6 @@ from __future__ import annotations
 import operator
 import zlib
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -59,19 +58,9 @@ class Streams:
 
         ``key`` is a further name, such as the key of a parameter: a new one leaves other draws unchanged.
         """
-        seed, example = self._words
-        words = [*seed, PURPOSES.index(purpose), *example, *([zlib.crc32(key.encode())] if key else [])]
-        return np.random.Generator(np.random.PCG64(np.random.SeedSequence(np.array(words, dtype=np.uint32))))
-
-    @cached_property
-    def _words(self) -> tuple[list[int], list[int]]:
-        # as NumPy splits SeedSequence(seed, spawn_key=(purpose, example, name)): lowest bits first, four for the seed
-        seed, example = _split_number(self.seed), _split_number(self.example)
-        return seed + [0] * (4 - len(seed)), example
-
-
-def _split_number(number: int) -> list[int]:
-    return [number >> shift & 0xFFFFFFFF for shift in range(0, number.bit_length() or 1, 32)]
+        name = [zlib.crc32(key.encode())] if key else []
+        sequence = np.random.SeedSequence(self.seed, spawn_key=(PURPOSES.index(purpose), self.example, *name))
+        return np.random.Generator(np.random.PCG64(sequence))
 
 
 def rng(seed: int) -> Streams:

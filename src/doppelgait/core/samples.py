@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from doppelgait._core import native
 from doppelgait.core.errors import AnalysisError
@@ -22,10 +23,9 @@ Turns = npt.NDArray[np.float64]
 Rows = Callable[[int, int], Matrix]
 T = TypeVar("T", np.float32, np.float64)
 
+WHITE: Factor = np.ones(1, dtype=np.float32)  # factor of white noise
 ROWS = 32
 """Rows of planes or of a matrix that are processed together, so that intermediate results stay in the cache."""
-
-
 LARGEST_SPARE_BYTES = 1 << 25
 """Maximum size of memory that a thread keeps for its next samples or table. Larger memory is released at once."""
 MAX_SPARE_BYTES = 1 << 26  # maximum size of all memory that a thread keeps
@@ -58,9 +58,6 @@ def _return_memory(spare: Spare, size: int, memory: npt.NDArray[np.uint8]) -> No
         spare.append((size, memory))
 
 
-WHITE: Factor = np.ones(1, dtype=np.float32)  # factor of white noise
-
-
 class Noise(NamedTuple):
     """Pending receiver noise, which depends only on key, pulse and sample."""
 
@@ -69,11 +66,7 @@ class Noise(NamedTuple):
     factor: Factor
 
 
-def _make_operator(ufunc: Any, *, in_place: bool = False) -> Callable[[Samples, Any], Samples]:
-    return lambda samples, other: _change_samples(samples if in_place else samples.copy(), ufunc, other)
-
-
-class Samples:
+class Samples(NDArrayOperatorsMixin):
     """Complex samples, one row per pulse.
 
     In arithmetic they are like a complex64 array of shape (pulses, samples). ``samples + 0.1`` or
@@ -341,28 +334,17 @@ class Samples:
         return values if dtype is None else values.astype(dtype, copy=False)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
-        if out is not None or method not in ("__call__", "reduce"):
+        in_place = out is not None
+        if (in_place and not out[0] is inputs[0] is self) or method not in ("__call__", "reduce"):
             return NotImplemented
-        if method == "__call__" and not options and ufunc in (np.add, np.multiply):  # an array on the left
-            other = inputs[1] if inputs[0] is self else inputs[0]
-            return _change_samples(self.copy(), ufunc, other)
+        in_layout = ufunc in (np.add, np.multiply) or (ufunc is np.subtract and inputs[0] is self)
+        if method == "__call__" and not options and in_layout:
+            other = inputs[1] if inputs[0] is self else inputs[0]  # an array on the left
+            return _change_samples(self if in_place else self.copy(), ufunc, other)
         arrays = [value.matrix if isinstance(value, Samples) else value for value in inputs]
         found = getattr(ufunc, method)(*arrays, **options)
         same = isinstance(found, np.ndarray) and found.dtype.kind == "c" and found.shape == self.shape
         return Samples.own(found) if same else found
-
-    __add__ = __radd__ = _make_operator(np.add)
-    __sub__ = _make_operator(np.subtract)
-    __mul__ = __rmul__ = _make_operator(np.multiply)
-    __iadd__ = _make_operator(np.add, in_place=True)
-    __isub__ = _make_operator(np.subtract, in_place=True)
-    __imul__ = _make_operator(np.multiply, in_place=True)
-
-    def __neg__(self) -> Samples:
-        return _change_samples(self.copy(), np.multiply, -1.0)
-
-    def __rsub__(self, other: Any) -> Samples:
-        return _change_samples(-self, np.add, other)
 
     def __truediv__(self, other: Any) -> Samples:
         return _change_samples(self.copy(), np.multiply, 1.0 / np.asarray(other))

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+PR_SET_PDEATHSIG = 1
 KEPT_BYTES = 256 * 2**20
 
 WORKER_ENVIRONMENT = {
@@ -73,14 +74,9 @@ def _find_blas() -> Any:
     return ThreadpoolController()
 
 
-def collect_garbage_rarely() -> None:
-    """Run Python's garbage collector only every 5000 objects."""
-    gc.set_threshold(5000)
-
-
 def prepare_worker() -> None:
     """Prepare a new worker process; this is its first call."""
-    collect_garbage_rarely()
+    gc.set_threshold(5000)  # objects; 700 by default
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if "pandas" not in sys.modules:
         sys.modules.setdefault("pyarrow", None)  # type: ignore[arg-type]
@@ -106,9 +102,6 @@ def serve(pipes: Sequence[Connection]) -> None:
     for worker in workers:
         os.waitpid(worker, 0)
     os._exit(0)  # an ordinary exit takes a quarter of a second to unload modules
-
-
-PR_SET_PDEATHSIG = 1
 
 
 def _receive(pipe: Connection) -> Any:
