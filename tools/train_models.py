@@ -23,6 +23,7 @@ from doppelgait.classify.learned import LabelledRows, TrackNetwork
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import load_shipped_model, read_model_cards, save_model
 from doppelgait.classify.network import train_track_network
+from doppelgait.core.files import hash_file
 from doppelgait.dataset import build_dataset, load_plan, open_dataset
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.finish import DATA_VERSION
@@ -69,9 +70,8 @@ def describe(model: Model) -> dict[str, Any]:
 
 def write(model: Model, card: dict[str, Any]) -> None:
     """Write a model of the package and its card."""
-    path = MODELS / f"{card['name']}.npz"
-    save_model(model, path)
-    card |= {"size_kb": round(path.stat().st_size / 1e3, 1)}
+    path = save_model(model, MODELS / f"{card['name']}.npz")
+    card |= {"sha256": hash_file(path)}
     path.with_suffix(".json").write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
 
 

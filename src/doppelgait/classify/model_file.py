@@ -36,7 +36,7 @@ from doppelgait.classify.model import TOLERANCE, Calibration, Facts, Model, mark
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.core.files import FileKind, open_atomically
+from doppelgait.core.files import FileKind, hash_file, open_atomically
 from doppelgait.core.npz import load_npz
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.processing.patches import N_SLICES, Levels, Patch
@@ -358,7 +358,10 @@ def load_shipped_model(name: str) -> Model:
         raise ConfigError(
             f"model {name!r} is not shipped with doppelgait; shipped models are {', '.join(read_model_cards())}"
         )
-    return load_model(FOLDER / f"{name}.npz")
+    path = FOLDER / f"{name}.npz"
+    if hash_file(path) != read_model_cards()[name]["sha256"]:
+        raise DatasetError(f"{path}: is not the model that came with this version; install doppelgait again")
+    return load_model(path)
 
 
 def load_model_for_radar(radar: Radar) -> Model:
@@ -373,10 +376,6 @@ def open_model(name: str | Path) -> Model:
     ------
     DatasetError
         As :func:`doppelgait.classify.load_model`.
-
-    See Also
-    --------
-    find_shipped_model : find the included model for a radar.
 
     Examples
     --------
