@@ -52,6 +52,7 @@ def test_a_radar_that_none_knows_is_told_so(carrier_hz, prf_hz):
 
 def test_a_changed_model_is_refused(tmp_path, monkeypatch):
     (tmp_path / "x4.npz").write_bytes((FOLDER / "x4.npz").read_bytes()[:-1] + b"x")
+    (tmp_path / "x4.json").write_bytes((FOLDER / "x4.json").read_bytes())
     monkeypatch.setattr(model_file, "FOLDER", tmp_path)
     with pytest.raises(DatasetError, match=r"x4\.npz: is not the model that came with this version"):
         load_shipped_model.__wrapped__("x4")
