@@ -8,24 +8,10 @@ from typing import Any
 
 import pytest
 
+import viewer_page as view
 from doppelgait.pipeline import analyze, parse_run, run_simulation
 from doppelgait.processing import Analysis
 from doppelgait.radar import read_recording, write_recording
-from viewer_page import (
-    DURATION_S,
-    LEFT,
-    READY,
-    RIGHT,
-    WALK,
-    address,
-    altered,
-    look,
-    opened,
-    read_at,
-    seconds,
-    text,
-    until,
-)
 
 SEGMENTS = [[0.2, 1.0], [1.2, 2.3]]
 
@@ -39,7 +25,7 @@ def features(page: Any) -> dict[str, list[str]]:
 def change(page: Any, control: str, value: str) -> None:
     page.fill(f"#{control}", value)
     page.press(f"#{control}", "Enter")
-    page.wait_for_selector(READY)
+    page.wait_for_selector(view.READY)
 
 
 def mark(page: Any, selector: str) -> str:
@@ -48,77 +34,83 @@ def mark(page: Any, selector: str) -> str:
 
 
 def test_the_analysis_is_changed_by_controls(page: Any, url: str, walk: Path) -> None:
-    opened(page, url)
+    view.opened(page, url)
     assert "(earlier settings)" not in mark(page, ".panel-signature h2")
     numbers = {name: page.input_value(f"#{name}") for name in ("cpi_s", "window_steepness", "hop")}
     assert numbers == {"cpi_s": "0.1", "window_steepness": "0.4", "hop": "6"}
-    before = {name: look(page, name) for name in ("signature", "range-doppler", "range-time")}
+    before = {name: view.look(page, name) for name in ("signature", "range-doppler", "range-time")}
     page.requested.clear()
     change(page, "cpi_s", "0.2")
-    until(lambda: look(page, "range-doppler") != before["range-doppler"], "the interval does not change the maps")
-    assert look(page, "signature") != before["signature"]
-    assert look(page, "range-time") == before["range-time"]
+    view.until(
+        lambda: view.look(page, "range-doppler") != before["range-doppler"], "the interval does not change the maps"
+    )
+    assert view.look(page, "signature") != before["signature"]
+    assert view.look(page, "range-time") == before["range-time"]
     assert not [one for one in page.requested if "api/recording" in one], "range against time needs no interval"
     (expected,) = analyze(read_recording(walk), gate="track", analysis=Analysis(cpi_s=0.2))
     assert float(features(page)["torso velocity"][0]) == pytest.approx(expected.features.torso_velocity_mps, rel=5e-3)
     for name, value in (("hop", "20"), ("window_steepness", "0.2")):
-        shown = look(page, "signature")
+        shown = view.look(page, "signature")
         change(page, name, value)
-        until(lambda: look(page, "signature") != shown, f"{name} changes nothing")  # noqa: B023
+        view.until(lambda: view.look(page, "signature") != shown, f"{name} changes nothing")  # noqa: B023
     wanted = ("cpi_s=0.2", "hop=20", "window_steepness=0.2")
-    until(lambda: all(part in address(page) for part in wanted), "the address does not state the analysis")
+    view.until(lambda: all(part in view.address(page) for part in wanted), "the address does not state the analysis")
     page.click("#standard")
-    page.wait_for_selector(READY)
-    until(lambda: page.input_value("#cpi_s") == "0.1", "the analysis is not as it was at first")
-    until(lambda: look(page, "signature") == before["signature"], "the signature is not as it was at first")
+    page.wait_for_selector(view.READY)
+    view.until(lambda: page.input_value("#cpi_s") == "0.1", "the analysis is not as it was at first")
+    view.until(lambda: view.look(page, "signature") == before["signature"], "the signature is not as it was at first")
 
 
 def test_an_error_stands_in_one_line_next_to_its_control(page: Any, url: str) -> None:
-    opened(page, url)
-    before, height = look(page, "signature"), page.locator(".controls").bounding_box()["height"]
+    view.opened(page, url)
+    before, height = view.look(page, "signature"), page.locator(".controls").bounding_box()["height"]
     page.select_option("#gate", "own")
     page.fill("#gate-from", "3")
     page.fill("#gate-to", "2")
     page.press("#gate-to", "Enter")
-    assert "ends before it begins" in text(page, "#fault-gate")
-    altered(page, "targets", lambda facts, query: facts.update(targets=[], failed=True, reason="too short for 9 s"))
+    assert "ends before it begins" in view.text(page, "#fault-gate")
+    view.altered(
+        page, "targets", lambda facts, query: facts.update(targets=[], failed=True, reason="too short for 9 s")
+    )
     change(page, "cpi_s", "9")
-    assert text(page, "#fault-cpi_s") == "too short for 9 s"
-    assert text(page, "#fault-gate") == ""
+    assert view.text(page, "#fault-cpi_s") == "too short for 9 s"
+    assert view.text(page, "#fault-gate") == ""
     line = page.locator("#fault-cpi_s").bounding_box()
     control = page.locator("#cpi_s").bounding_box()
     assert abs(line["y"] + line["height"] / 2 - control["y"] - control["height"] / 2) < 6, "not next to its control"
-    assert look(page, "signature") == before, "the pictures stay"
+    assert view.look(page, "signature") == before, "the pictures stay"
     assert "(earlier settings)" in mark(page, ".panel-signature h2"), "and are not marked"
     assert height < 100
 
 
 def test_a_gate_beyond_the_frame_is_refused_or_shortened_with_words(page: Any, url: str) -> None:
-    opened(page, url)
+    view.opened(page, url)
     page.select_option("#gate", "own")
     page.fill("#gate-from", "2")
     change(page, "gate-to", "90")
-    until(lambda: "gate 2 to 90 m extends beyond the recorded frame: 2.00 to" in text(page, "#notes"), "no note")
+    view.until(
+        lambda: "gate 2 to 90 m extends beyond the recorded frame: 2.00 to" in view.text(page, "#notes"), "no note"
+    )
     assert mark(page, ".panel-signature h2") == "none"
     change(page, "gate-from", "50")
-    until(lambda: text(page, "#fault-gate") != "", "not refused")
-    assert text(page, "#fault-gate").endswith("use ranges inside")
+    view.until(lambda: view.text(page, "#fault-gate") != "", "not refused")
+    assert view.text(page, "#fault-gate").endswith("use ranges inside")
     size = page.evaluate("(n => [n.scrollWidth, n.clientWidth])(document.getElementById('fault-gate'))")
     assert size[0] <= size[1], "the message is not shown as a whole"
     for panel in ("signature", "cadence", "features"):
         assert "(earlier settings)" in mark(page, f".panel-{panel} h2"), panel
     assert "gate of the earlier settings" in mark(page, ".panel-range-time h2")
     page.click("#standard")
-    until(lambda: mark(page, ".panel-signature h2") == "none", "still marked")
+    view.until(lambda: mark(page, ".panel-signature h2") == "none", "still marked")
 
 
 def test_the_signature_is_that_of_the_whole_track_with_its_segments(page: Any, url: str) -> None:
     def with_segments(facts: dict[str, Any], query: dict[str, list[str]]) -> None:
         facts["targets"][0].update(segments=SEGMENTS, segment=int(query.get("segment", ["0:1"])[0].split(":")[1]))
 
-    altered(page, "targets", with_segments)
-    opened(page, url)
-    assert read_at(page, "signature", 0.1, 0.5)[0]["dB"] < 0, "there is no signature before the segment"
+    view.altered(page, "targets", with_segments)
+    view.opened(page, url)
+    assert view.read_at(page, "signature", 0.1, 0.5)[0]["dB"] < 0, "there is no signature before the segment"
     colours = """([x, y]) => {
       const canvas = document.getElementById("canvas-signature");
       const ratio = canvas.width / canvas.clientWidth;
@@ -127,39 +119,39 @@ def test_the_signature_is_that_of_the_whole_track_with_its_segments(page: Any, u
     box = page.locator("#canvas-signature").bounding_box()
 
     def bar(time_s: float) -> list[int]:
-        x = LEFT + time_s / DURATION_S * (box["width"] - LEFT - RIGHT)
+        x = view.LEFT + time_s / view.DURATION_S * (box["width"] - view.LEFT - view.RIGHT)
         return page.evaluate(colours, [x, 7])
 
     own, other, none = bar(1.5), bar(0.5), bar(1.1)
     assert own[0] > 240 > 200 < own[1]
     assert own[0] > other[0] > none[0] + 40, "the segments are not marked"
     page.select_option("#segment", "0:0")
-    until(lambda: bar(0.5)[0] > 240, "the other segment is not marked as the one shown")
+    view.until(lambda: bar(0.5)[0] > 240, "the other segment is not marked as the one shown")
     page.uncheck("#parts input[value=segments]")
-    until(lambda: bar(0.5)[0] < 200, "the marks cannot be switched off")
+    view.until(lambda: bar(0.5)[0] < 200, "the marks cannot be switched off")
 
 
 def test_zoom_and_scroll_are_linked_and_kept(page: Any, url: str) -> None:
-    opened(page, url)
+    view.opened(page, url)
     box = page.locator("#canvas-signature").bounding_box()
-    middle = (box["x"] + LEFT + 0.5 * (box["width"] - LEFT - RIGHT), box["y"] + 60)
+    middle = (box["x"] + view.LEFT + 0.5 * (box["width"] - view.LEFT - view.RIGHT), box["y"] + 60)
 
     def ends(name: str) -> list[float]:
         """Times at the ends of a panel."""
         found = []
         for share in (0.002, 0.998):
-            read_at(page, name, share, 0.5)
-            found.append(float(re.search(r"([\d.]+) s", text(page, f"#hover-{name}")).group(1)))
+            view.read_at(page, name, share, 0.5)
+            found.append(float(re.search(r"([\d.]+) s", view.text(page, f"#hover-{name}")).group(1)))
         return found
 
     page.mouse.move(*middle)
     page.mouse.wheel(0, -300)
-    until(lambda: "time=" in address(page), "the wheel does not zoom")
+    view.until(lambda: "time=" in view.address(page), "the wheel does not zoom")
     page.wait_for_timeout(50)
     for name in ("signature", "range-time"):
         low, high = ends(name)
-        assert high - low == pytest.approx(DURATION_S * 2.718**-0.45, rel=0.05), name
-        assert (low + high) / 2 == pytest.approx(DURATION_S / 2, abs=0.1), name
+        assert high - low == pytest.approx(view.DURATION_S * 2.718**-0.45, rel=0.05), name
+        assert (low + high) / 2 == pytest.approx(view.DURATION_S / 2, abs=0.1), name
     page.keyboard.press("d")
     page.wait_for_timeout(50)
     assert ends("range-time")[1] > high + 0.2, "the key does not scroll"
@@ -171,32 +163,35 @@ def test_zoom_and_scroll_are_linked_and_kept(page: Any, url: str) -> None:
     page.keyboard.up("Shift")
     page.wait_for_timeout(50)
     assert ends("signature")[0] < 0.05, "dragging does not scroll"
-    assert seconds(page) == 0, "scrolling moves the cursor"
-    whole = [read_at(page, name, 0.5, 0.98)[0]["Hz"] for name in ("signature", "range-doppler")]
+    assert view.seconds(page) == 0, "scrolling moves the cursor"
+    whole = [view.read_at(page, name, 0.5, 0.98)[0]["Hz"] for name in ("signature", "range-doppler")]
     page.mouse.move(box["x"] + 20, middle[1])  # over the numbers of the Doppler axis
     page.mouse.wheel(0, -300)
-    until(lambda: "doppler=" in address(page), "the wheel does not zoom in Doppler")
+    view.until(lambda: "doppler=" in view.address(page), "the wheel does not zoom in Doppler")
     page.wait_for_timeout(50)
-    zoomed = [read_at(page, name, 0.5, 0.98)[0]["Hz"] for name in ("signature", "range-doppler")]
+    zoomed = [view.read_at(page, name, 0.5, 0.98)[0]["Hz"] for name in ("signature", "range-doppler")]
     assert all(new < old - 20 for new, old in zip(zoomed, whole, strict=True)), "Doppler is not linked"
-    kept = address(page)
+    kept = view.address(page)
     page.mouse.dblclick(*middle)
-    until(lambda: "time=" not in address(page) and "doppler=" not in address(page), "a double click does not reset")
-    opened(page, kept)
-    assert ends("range-time")[1] < DURATION_S - 0.3, "the address does not keep the zoom"
+    view.until(
+        lambda: "time=" not in view.address(page) and "doppler=" not in view.address(page),
+        "a double click does not reset",
+    )
+    view.opened(page, kept)
+    assert ends("range-time")[1] < view.DURATION_S - 0.3, "the address does not keep the zoom"
 
 
 def test_measuring_gives_differences_between_two_points(page: Any, url: str) -> None:
-    opened(page, url)
+    view.opened(page, url)
     page.keyboard.press("m")
     assert page.get_attribute("#measure", "aria-pressed") == "true"
-    before = look(page, "range-time-overlay")
+    before = view.look(page, "range-time-overlay")
     box = page.locator("#canvas-range-time").bounding_box()
     page.mouse.click(box["x"] + 100, box["y"] + 30)
     page.mouse.move(box["x"] + 300, box["y"] + 60)
-    until(lambda: look(page, "range-time-overlay") != before, "the measurement is not drawn")
+    view.until(lambda: view.look(page, "range-time-overlay") != before, "the measurement is not drawn")
     page.mouse.click(box["x"] + 300, box["y"] + 60)
-    assert seconds(page) == 0, "measuring moves the cursor"
+    assert view.seconds(page) == 0, "measuring moves the cursor"
     script = """async ([axes, from, to]) => {
       const { difference } = await import(new URL("static/measure.js", location.href));
       return difference(axes, from, to);
@@ -212,7 +207,7 @@ def test_measuring_gives_differences_between_two_points(page: Any, url: str) -> 
 
 
 def test_the_picture_and_the_table_are_saved(page: Any, url: str, walk: Path) -> None:
-    opened(page, url)
+    view.opened(page, url)
     with page.expect_download() as saved:
         page.click("#save-picture")
     assert saved.value.suggested_filename == "walk.h5.png"
@@ -224,7 +219,7 @@ def test_the_picture_and_the_table_are_saved(page: Any, url: str, walk: Path) ->
     height = int.from_bytes(picture[20:24], "big")
     assert height >= 2 * (page.locator(".panels").bounding_box()["height"] + 20), "no line with the recording's name"
     page.focus("#save-picture")
-    read_at(page, "range-time", 0.5, 0.5)
+    view.read_at(page, "range-time", 0.5, 0.5)
     with page.expect_download() as saved:
         page.keyboard.press("Enter")
     with_mouse = Path(saved.value.path()).read_bytes()
@@ -246,8 +241,8 @@ def test_features_stand_out_where_they_are_far_from_the_truth(page: Any, url: st
         target["quality"].update(breathing_rate_hz=0.25, ground_step_length_m=0.7)
         target["truth"]["breathing_rate_hz"] = 0.26
 
-    altered(page, "targets", far)
-    opened(page, url)
+    view.altered(page, "targets", far)
+    view.opened(page, url)
     names = list(features(page))
     at = names.index("ground step length")
     assert names[at + 1] == "radial step length", names
@@ -260,9 +255,9 @@ def test_a_panel_without_content_gives_its_space_away(page: Any, url: str) -> No
     def bare(facts: dict[str, Any], query: dict[str, list[str]]) -> None:
         facts.update(scene=None, bodies=[])
 
-    altered(page, "recording", bare)
-    altered(page, "targets", lambda facts, query: facts["targets"][0].update(cadence_map=None))
-    opened(page, url)
+    view.altered(page, "recording", bare)
+    view.altered(page, "targets", lambda facts, query: facts["targets"][0].update(cadence_map=None))
+    view.opened(page, url)
     width = page.locator(".panels").bounding_box()["width"]
     assert page.locator("#canvas-signature").bounding_box()["width"] > 0.95 * width
     assert page.locator(".panel-scene").bounding_box()["height"] < 40
@@ -274,7 +269,7 @@ def test_space_plays_unless_a_control_that_uses_it_has_the_focus(page: Any, url:
     def plays() -> bool:
         return bool(page.get_attribute("#play", "aria-pressed") == "true")
 
-    opened(page, url)
+    view.opened(page, url)
     for focused in ("#scrub", "#canvas-scene-overlay"):
         page.focus(focused)
         page.keyboard.press("Space")
@@ -304,18 +299,19 @@ def test_space_plays_unless_a_control_that_uses_it_has_the_focus(page: Any, url:
 def test_warnings_are_shown_once_and_move_nothing(page: Any, url: str) -> None:
     held: list[Any] = []
     page.route("**/api/targets*", lambda route: held.append(route))
-    altered(page, "recording", lambda facts, query: facts.update(notes=["the radar is guessed"]))
+    view.altered(page, "recording", lambda facts, query: facts.update(notes=["the radar is guessed"]))
     page.goto(url)
-    until(
-        lambda: page.wait_for_timeout(20) or "guessed" in text(page, "#notes"), "the note of the recording is missing"
+    view.until(
+        lambda: page.wait_for_timeout(20) or "guessed" in view.text(page, "#notes"),
+        "the note of the recording is missing",
     )
     place = page.locator(".panels").bounding_box()["y"]
     page.unroute("**/api/targets*")
     said = ["the radar is guessed", "the gate leaves the frame"]
-    altered(page, "targets", lambda facts, query: facts.update(notes=said))
+    view.altered(page, "targets", lambda facts, query: facts.update(notes=said))
     page.select_option("#gate", "truth")  # asks for both again
-    page.wait_for_selector(READY)
-    until(lambda: "2 notes" in text(page, "#notes summary"), "the warning of the analysis is missing")
+    page.wait_for_selector(view.READY)
+    view.until(lambda: "2 notes" in view.text(page, "#notes summary"), "the warning of the analysis is missing")
     assert page.locator("#notes li").all_text_contents() == said
     page.click("#notes summary")
     assert page.is_visible("#notes li >> nth=1")
@@ -324,7 +320,7 @@ def test_warnings_are_shown_once_and_move_nothing(page: Any, url: str) -> None:
 
 def test_the_picture_comes_first_in_a_narrow_window(page: Any, url: str) -> None:
     page.set_viewport_size({"width": 400, "height": 800})
-    opened(page, url)
+    view.opened(page, url)
     places = {name: page.locator(name).bounding_box() for name in (".time-panels", ".panel-features", ".controls")}
     assert places[".time-panels"]["y"] < 110
     assert places[".controls"]["y"] > places[".panel-features"]["y"]
@@ -335,11 +331,11 @@ def test_the_picture_comes_first_in_a_narrow_window(page: Any, url: str) -> None
 
 
 def test_range_doppler_has_the_levels_of_its_frame(page: Any, url: str) -> None:
-    opened(page, url)
+    view.opened(page, url)
     bar = ".panel-range-doppler .colour-bar span >> nth=1"
-    far = text(page, bar)
+    far = view.text(page, bar)
     page.fill("#scrub", "2.4")
-    until(lambda: text(page, bar) != far, "a frame near the radar and one far off have the same levels")
+    view.until(lambda: view.text(page, bar) != far, "a frame near the radar and one far off have the same levels")
 
 
 def test_no_label_of_the_scene_crosses_a_body(page: Any, url: str) -> None:
@@ -365,9 +361,9 @@ def test_no_label_of_the_scene_crosses_a_body(page: Any, url: str) -> None:
         return arc.apply(this, arguments);
       };
     """)
-    opened(page, url)
-    for view in ("all", "side", "radar", "top", "body"):
-        page.click(f"button[data-view={view}]")
+    view.opened(page, url)
+    for shown in ("all", "side", "radar", "top", "body"):
+        page.click(f"button[data-view={shown}]")
         for time_s in ("0.2", "1.3", "2.4"):
             page.fill("#scrub", time_s)
             page.wait_for_timeout(60)
@@ -380,15 +376,15 @@ def test_no_label_of_the_scene_crosses_a_body(page: Any, url: str) -> None:
                 one["words"] for one in texts
                 if one["left"] < right and one["right"] > left and one["top"] < bottom and one["bottom"] > top
             ]  # fmt: skip
-            assert crossing == [], (view, time_s)
+            assert crossing == [], (shown, time_s)
 
 
 def test_two_recordings_are_compared_on_one_time_line(page: Any, walk: Path, serve: Any, tmp_path: Path) -> None:
-    longer = {**WALK, "seed": 8, "duration_s": 3.5, "noise": {"kind": "snr", "snr_db": 15}}
+    longer = {**view.WALK, "seed": 8, "duration_s": 3.5, "noise": {"kind": "snr", "snr_db": 15}}
     write_recording(run_simulation(parse_run(longer)), tmp_path / "longer.h5")
-    opened(page, serve(walk, tmp_path / "longer.h5"))
+    view.opened(page, serve(walk, tmp_path / "longer.h5"))
     for name in ("other-range-time", "other-signature"):
-        assert look(page, name)[1] > 20, name
+        assert view.look(page, name)[1] > 20, name
     for name in ("range-time", "signature"):
         bars = page.locator(f".panel-{name} .colour-bar").all_text_contents()
         assert len(bars) == 2
@@ -396,12 +392,14 @@ def test_two_recordings_are_compared_on_one_time_line(page: Any, walk: Path, ser
         own, other = (page.locator(f"#canvas-{one}").bounding_box() for one in (name, f"other-{name}"))
         assert (own["x"], own["width"]) == (other["x"], other["width"])
     assert page.get_attribute("#scrub", "max") == "3.5"
-    read_at(page, "signature", 0.2, 0.9)
-    shown = text(page, "#hover-signature")
+    view.read_at(page, "signature", 0.2, 0.9)
+    shown = view.text(page, "#hover-signature")
     box = page.locator("#canvas-other-signature").bounding_box()
-    page.mouse.move(box["x"] + LEFT + round(0.2 * (box["width"] - LEFT - RIGHT)), box["y"] + 30)
-    until(lambda: text(page, "#hover-other-signature") != "", "the second picture is not read")
-    times = [float(re.search(r"([\d.]+) s", one).group(1)) for one in (shown, text(page, "#hover-other-signature"))]
+    page.mouse.move(box["x"] + view.LEFT + round(0.2 * (box["width"] - view.LEFT - view.RIGHT)), box["y"] + 30)
+    view.until(lambda: view.text(page, "#hover-other-signature") != "", "the second picture is not read")
+    times = [
+        float(re.search(r"([\d.]+) s", one).group(1)) for one in (shown, view.text(page, "#hover-other-signature"))
+    ]
     assert times[0] == pytest.approx(times[1], abs=0.02), "the pictures have other times"
     headings = page.locator(".panel h2").all_text_contents()
     assert len(headings) == 9
@@ -410,6 +408,6 @@ def test_two_recordings_are_compared_on_one_time_line(page: Any, walk: Path, ser
         page.click("#save-table")
     rows = list(csv.DictReader(io.StringIO(Path(saved.value.path()).read_text("utf-8"))))
     assert {row["recording"] for row in rows} == {"walk.h5", "longer.h5"}
-    before = look(page, "other-signature")
+    before = view.look(page, "other-signature")
     change(page, "cpi_s", "0.2")
-    until(lambda: look(page, "other-signature") != before, "the second recording keeps another interval")
+    view.until(lambda: view.look(page, "other-signature") != before, "the second recording keeps another interval")

@@ -8,15 +8,8 @@ import pytest
 from scipy.special import expit, logit
 from sklearn.linear_model import LogisticRegression
 
+from doppelgait.classify import adapt as adaptation
 from doppelgait.classify import adapt as adapting
-from doppelgait.classify.adapt import (
-    SHIFT_SD,
-    SLOPE_SD,
-    adapt,
-    list_row_recordings,
-    sample_own_rows,
-    score_adaptation,
-)
 from doppelgait.classify.data import Rows
 from doppelgait.classify.learned import Linear
 from doppelgait.classify.model import Calibration, Facts, Model
@@ -54,31 +47,31 @@ def ids(rows):
 
 
 def test_nothing_seen_changes_nothing(model):
-    assert adapt(model, np.zeros((0, 1)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=str)) is model
+    assert adaptation.adapt(model, np.zeros((0, 1)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=str)) is model
 
 
 def test_many_rows_give_logistic_regression_and_few_stay_near_what_was_learnt(model):
     rows, values = own_rows(4000, per_target=1)
-    found = adapt(model, values, rows.labels, ids(rows))
+    found = adaptation.adapt(model, values, rows.labels, ids(rows))
     plain = LogisticRegression(C=1e9).fit(values, rows.labels)
     odds = logit(found.probability(np.array([[-2.0], [5.0]]))[:, 1])
     assert odds == pytest.approx(plain.decision_function([[-2.0], [5.0]]), rel=0.2)  # the prior still pulls
     assert found.facts.n_own == rows.labels.size
-    few = adapt(model, values[:2], rows.labels[:2], ids(rows)[:2])
-    assert 0 < abs(few.calibration.shift[1]) < 2 * SHIFT_SD
-    assert abs(np.log(few.calibration.slope)) < SLOPE_SD
+    few = adaptation.adapt(model, values[:2], rows.labels[:2], ids(rows)[:2])
+    assert 0 < abs(few.calibration.shift[1]) < 2 * adaptation.SHIFT_SD
+    assert abs(np.log(few.calibration.slope)) < adaptation.SLOPE_SD
 
 
 def test_it_is_the_most_likely_slope_and_shift(model):
     """Against a search of the posterior on a grid, on top of a calibration that was there."""
     model = replace(model, calibration=Calibration(0.7, np.array([0.0, 0.4]), 9))
     rows, values = own_rows(4, seed=2, per_target=1)
-    found = adapt(model, values, rows.labels, ids(rows))
+    found = adaptation.adapt(model, values, rows.labels, ids(rows))
     before = 0.7 * values[:, 0] + 0.4
     slopes, shifts = np.linspace(-1.5, 1.5, 601), np.linspace(-6, 6, 601)
     odds = np.exp(slopes)[:, None, None] * before + shifts[None, :, None]
     likely = np.log(expit(np.where(rows.labels == 1, odds, -odds))).sum(axis=2)
-    likely -= (slopes[:, None] / SLOPE_SD) ** 2 / 2 + (shifts / SHIFT_SD) ** 2 / 2
+    likely -= (slopes[:, None] / adaptation.SLOPE_SD) ** 2 / 2 + (shifts / adaptation.SHIFT_SD) ** 2 / 2
     k, m = np.unravel_index(likely.argmax(), likely.shape)
     assert found.calibration.slope == pytest.approx(0.7 * np.exp(slopes[k]), rel=0.01)
     assert found.calibration.shift[1] == pytest.approx(np.exp(slopes[k]) * 0.4 + shifts[m], abs=0.03)
@@ -87,9 +80,9 @@ def test_it_is_the_most_likely_slope_and_shift(model):
 def test_a_long_recording_counts_once(model):
     rows, values = own_rows(6, seed=3, per_target=1)
     names = ids(rows)
-    once = adapt(model, values, rows.labels, names)
+    once = adaptation.adapt(model, values, rows.labels, names)
     longer = [np.concatenate([each, np.repeat(each[:1], 60, axis=0)]) for each in (values, rows.labels, names)]
-    again = adapt(model, *longer)
+    again = adaptation.adapt(model, *longer)
     assert again.calibration.slope == pytest.approx(once.calibration.slope, rel=1e-3)
     assert again.calibration.shift == pytest.approx(once.calibration.shift, abs=1e-3)
 
@@ -98,7 +91,7 @@ def test_a_class_that_is_missing_moves_nothing(model):
     rows, values = own_rows(6)
     human = rows.labels == 0
     with pytest.raises(DatasetError, match="own recordings contain no dog; add some of every class"):
-        adapt(model, values[human], rows.labels[human], ids(rows)[human])
+        adaptation.adapt(model, values[human], rows.labels[human], ids(rows)[human])
 
 
 def test_the_same_targets_trigger_the_alarm_as_before(model):
@@ -107,7 +100,7 @@ def test_the_same_targets_trigger_the_alarm_as_before(model):
         facts = model.facts.model_copy(update={"alarm": alarm, "alarm_threshold": 0.7})
         before = replace(model, facts=facts)
         column = facts.classes.index(alarm)
-        after = adapt(before, values, rows.labels, ids(rows))
+        after = adaptation.adapt(before, values, rows.labels, ids(rows))
         assert after.facts.alarm_threshold != pytest.approx(0.7, abs=0.01)
         triggers = [one.probability(values)[:, column] >= one.facts.alarm_threshold for one in (before, after)]
         assert 0 < triggers[0].sum() < len(values)
@@ -117,29 +110,29 @@ def test_the_same_targets_trigger_the_alarm_as_before(model):
 def test_a_blank_recording_is_one_of_its_own():
     rows, _ = own_rows(2, per_target=2)
     rows.index["recording"] = ["", "a", None, "a"]
-    assert list_row_recordings(rows).tolist() == ["e0", "a", "e2", "a"]
+    assert adaptation.list_row_recordings(rows).tolist() == ["e0", "a", "e2", "a"]
 
 
 def test_targets_who_are_drawn_are_not_scored():
     rows, _ = own_rows(12)
     rng = np.random.default_rng(0)
     for n in (1, 3, 5):
-        own, scored = sample_own_rows(rows, n, rng)
+        own, scored = adaptation.sample_own_rows(rows, n, rng)
         assert not set(rows.groups[own]) & set(rows.groups[scored])
         names = rows.index["recording"].to_numpy()
         for number in (0, 1):
             mine = own[rows.labels[own] == number]
             assert len(set(names[mine])) == n
             assert len(set(rows.groups[mine])) == -(-n // 2)  # two recordings of each target
-    assert sample_own_rows(rows, 0, rng)[1].size == 48
-    assert sample_own_rows(rows, 13, rng) is None  # there are 12
-    assert sample_own_rows(rows, 12, rng) is None  # nobody would be left
+    assert adaptation.sample_own_rows(rows, 0, rng)[1].size == 48
+    assert adaptation.sample_own_rows(rows, 13, rng) is None  # there are 12
+    assert adaptation.sample_own_rows(rows, 12, rng) is None  # nobody would be left
 
 
 def test_a_shifted_threshold_is_found_by_few_recordings(model, monkeypatch):
     monkeypatch.setattr(adapting, "REPEATS", 10)
     rows, values = own_rows()
-    curve = score_adaptation(model, rows, values, np.random.default_rng(1), counts=(0, 2, 10, 500))
+    curve = adaptation.score_adaptation(model, rows, values, np.random.default_rng(1), counts=(0, 2, 10, 500))
     assert [point["n"] for point in curve] == [0, 2, 10]
     scores = [point["balanced_accuracy"] for point in curve]
     assert scores[0] < 0.7
@@ -154,6 +147,6 @@ def test_without_a_change_the_same_targets_score_as_before(model, monkeypatch):
     """Few targets are left to score: their score differs from that of all, and says nothing about the adaptation."""
     monkeypatch.setattr(adapting, "adapt", lambda model, *_: model)
     rows, values = own_rows(6, seed=7, offset=1.5)
-    for point in score_adaptation(model, rows, values, np.random.default_rng(1), counts=(0, 1, 2)):
+    for point in adaptation.score_adaptation(model, rows, values, np.random.default_rng(1), counts=(0, 1, 2)):
         assert point["balanced_accuracy"] == point["before"]
         assert point["movers"] == 6 - (2 if point["n"] else 0)

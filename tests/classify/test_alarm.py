@@ -7,19 +7,7 @@ import pandas as pd
 import pytest
 from scipy.stats import chi2
 
-from doppelgait.classify import classify_over_time, load_shipped_model
-from doppelgait.classify.alarm import (
-    Episode,
-    answer_day,
-    build_day,
-    confirm,
-    estimate_weighted_count,
-    format_day,
-    format_episodes,
-    load_day,
-    run_day,
-    score_day,
-)
+from doppelgait.classify import alarm, classify_over_time, load_shipped_model
 from doppelgait.classify.data import Rows, list_windows, mark_shared
 from doppelgait.classify.learned import Seen
 from doppelgait.classify.timeline import follow_rows
@@ -34,7 +22,7 @@ from doppelgait.scene.placement import place
 @pytest.mark.parametrize("count", [0, 1, 3, 20])
 def test_the_interval_of_one_count_is_that_of_poisson(count):
     counts = [1] * count + [0] * 5
-    found = estimate_weighted_count(counts, [0.5] * len(counts))
+    found = alarm.estimate_weighted_count(counts, [0.5] * len(counts))
     low = 0.0 if count == 0 else chi2.ppf(0.025, 2 * count) / 2
     assert found == pytest.approx(
         {"value": 0.5 * count, "low": 0.5 * low, "high": 0.5 * chi2.isf(0.025, 2 * count + 2) / 2}
@@ -45,16 +33,17 @@ def test_the_interval_of_one_count_is_that_of_poisson(count):
 def test_the_interval_of_weighted_counts_holds_the_truth(cluster):
     # 20 recordings of each of three kinds; those that trigger do so once, or four times
     rng, shares, weights = np.random.default_rng(0), np.repeat([0.1, 0.03, 0.3], 20), np.repeat([1.0, 4.0, 0.3], 20)
-    spans = [estimate_weighted_count(cluster * (rng.random(60) < shares), weights) for _ in range(2000)]
+    spans = [alarm.estimate_weighted_count(cluster * (rng.random(60) < shares), weights) for _ in range(2000)]
     inside = np.mean([span["low"] <= cluster * shares @ weights <= span["high"] for span in spans])
     assert 0.94 <= inside <= 0.999  # conservative, as the paper says
 
 
 def test_several_triggers_of_one_recording_are_one_event():
     assert (
-        estimate_weighted_count([4, 0], [1.0, 1.0])["high"] > estimate_weighted_count([1, 1, 1, 1], [1.0] * 4)["high"]
+        alarm.estimate_weighted_count([4, 0], [1.0, 1.0])["high"]
+        > alarm.estimate_weighted_count([1, 1, 1, 1], [1.0] * 4)["high"]
     )
-    assert estimate_weighted_count([], []) == {"value": 0.0, "low": 0.0, "high": np.inf}
+    assert alarm.estimate_weighted_count([], []) == {"value": 0.0, "low": 0.0, "high": np.inf}
 
 
 def a_model(**facts):
@@ -65,12 +54,12 @@ def a_model(**facts):
 
 @pytest.mark.release
 def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream(tmp_path):
-    (day, folder), model = load_day(repeats=2), load_shipped_model("x4")
+    (day, folder), model = alarm.load_day(repeats=2), load_shipped_model("x4")
     chosen = tuple(one for one in day.episodes if one.label == "a person and a dog cross the room")
-    dataset = build_day(day.model_copy(update={"episodes": chosen}), model, tmp_path / "day", folder=folder)
+    dataset = alarm.build_day(day.model_copy(update={"episodes": chosen}), model, tmp_path / "day", folder=folder)
     human = model.of_tracks.facts.classes.index("human")
     assert mark_shared(dataset.index).any()
-    for number, episode in enumerate(answer_day(dataset, follow_rows(dataset, model)[:, human])):
+    for number, episode in enumerate(alarm.answer_day(dataset, follow_rows(dataset, model)[:, human])):
         run, raised = resolve_example(dataset.plan_config, number, folder).run, {}
         recording = simulate_placed(run, place(run.scene, run.streams, folder=folder), angles=False)
         for one in classify_over_time(recording, model):
@@ -92,7 +81,7 @@ def test_a_classifier_from_outside_is_scored_by_its_answers_to_tracks(tmp_path):
     plan = {"dataset": dataset, "noise": {"kind": "thermal"}, "episodes": [entry, empty]}
     build_dataset(PlanConfig.model_validate(plan), tmp_path / "d", executor="serial")
     dataset = open_dataset(tmp_path / "d")
-    episodes = {one.label: one for one in answer_day(dataset, by_level(dataset))}
+    episodes = {one.label: one for one in alarm.answer_day(dataset, by_level(dataset))}
     assert episodes["no one"].tracks == {}
     ((times_s, scores),) = episodes["comes in"].tracks.values()
     assert (np.diff(times_s) > 1.0).all()
@@ -101,7 +90,7 @@ def test_a_classifier_from_outside_is_scored_by_its_answers_to_tracks(tmp_path):
 
 
 def test_a_track_raises_its_alarm_once_and_keeps_it():
-    one = Episode(
+    one = alarm.Episode(
         "x", {0: (np.arange(6.0), np.array([0.9, 0.9, 0.2, 0.8, 0.1, 0.9])), 1: (np.ones(1), np.full(1, 0.8))}
     )
     assert one.find_triggers(0.8).tolist() == [0, 1]
@@ -111,10 +100,10 @@ def test_a_track_raises_its_alarm_once_and_keeps_it():
 def test_two_windows_in_succession_confirm_an_alarm():
     probability, stops_s = np.array([0.9, 0.8, 0.2, np.nan, 0.9, 0.7]), [3.0, 1.0, 2.0, 2.5, 4.0, 1.0]
     seen = [Seen(None, track, stop_s) for track, stop_s in zip([0, 0, 0, 0, 0, 1], stops_s, strict=True)]
-    assert confirm(probability, seen).tolist() == [0.2, 0.0, 0.2, 0.0, 0.9, 0.0]
+    assert alarm.confirm(probability, seen).tolist() == [0.2, 0.0, 0.2, 0.0, 0.9, 0.0]
     # what a shared gate shows confirms no window of the track alone
     shared = [Seen(None, 0, float(n), n in (1, 2)) for n in range(5)]
-    assert confirm(np.array([0.1, 0.8, 0.9, 0.7, 0.6]), shared).tolist() == [0.0, 0.1, 0.8, 0.1, 0.6]
+    assert alarm.confirm(np.array([0.1, 0.8, 0.9, 0.7, 0.6]), shared).tolist() == [0.0, 0.1, 0.8, 0.1, 0.6]
 
 
 def test_a_shared_gate_shows_a_person_if_one_of_both_is():
@@ -139,10 +128,10 @@ def test_rates_by_hand():
     ]
     day = PlanConfig(dataset={"name": "d", "examples_per_class": 2}, episodes=tuple(episodes))
     quiet, loud = ({0: (np.array([3.0, 4.0]), np.array([0.0, score]))} for score in (0.0, 0.9))
-    made = [Episode("entry", loud), Episode("entry", quiet), Episode("dog", loud), Episode("dog", quiet),
-            Episode("fan", loud), Episode("fan", loud)]  # fmt: skip
+    kinds = (("entry", loud), ("entry", quiet), ("dog", loud), ("dog", quiet), ("fan", loud), ("fan", loud))
+    made = [alarm.Episode(*kind) for kind in kinds]
     model = a_model(alarm="human", alarm_threshold=0.6)
-    found = score_day(day, made, model)
+    found = alarm.score_day(day, made, model)
     own = next(one for one in found["thresholds"] if one["model"])
     # 36 s of each kind: 1 of the dog is 100 an hour, of which 6 h; 2 of the fan 200 an hour, of which 3 h
     assert own["false_per_day"]["value"] == pytest.approx(100 * 6 + 200 * 3)
@@ -151,15 +140,15 @@ def test_rates_by_hand():
     at_once = next(one for one in found["thresholds"] if one["threshold"] == 0.99)
     assert at_once["false_per_day"]["value"] == 0
     assert at_once["seconds_to_detect"] == [None, None]
-    assert [row["threshold"] for row in format_day(found)][1] == "0.6 (the model's)"
-    assert format_episodes(found)[2] == {
+    assert [row["threshold"] for row in alarm.format_day(found)][1] == "0.6 (the model's)"
+    assert alarm.format_episodes(found)[2] == {
         "episode": "fan", "should trigger": "no", "recordings": "2", "at 0.5": "2", "at 0.6": "2", "at 0.8": "2",
         "at 0.9": "2", "at 0.95": "0", "at 0.99": "0", "at 0.999": "0", "at 0.9999": "0",
     }  # fmt: skip
 
 
 def test_every_scene_of_the_built_in_day_can_be_drawn():
-    day, folder = load_day(repeats=3)
+    day, folder = alarm.load_day(repeats=3)
     for number in range(3 * len(day.episodes)):
         run, section = resolve_example(day, number, folder).run, day.episodes[number // 3]
         kinds = [type(effect).__name__ for effect in run.environment]
@@ -170,12 +159,12 @@ def test_every_scene_of_the_built_in_day_can_be_drawn():
 
 
 def test_a_person_triggers_and_a_fan_does_not():
-    day, model = load_day(repeats=1)[0], load_shipped_model("x4")
+    day, model = alarm.load_day(repeats=1)[0], load_shipped_model("x4")
     durations_s = {"a person comes in and goes again": 14.0, "fan": 20.0}
     episodes = [one for one in day.episodes if one.label in durations_s]
     chosen = tuple(one.model_copy(update={"duration_s": durations_s[one.label]}) for one in episodes)
     day = day.model_copy(update={"episodes": chosen})
-    own = next(one for one in score_day(day, run_day(day, model), model)["thresholds"] if one["model"])
+    own = next(one for one in alarm.score_day(day, alarm.run_day(day, model), model)["thresholds"] if one["model"])
     assert own["missed"] == 0
     assert own["false_per_day"]["value"] == 0
     assert 0 < own["seconds_to_detect"][0] < 14
@@ -186,6 +175,6 @@ def test_a_model_without_an_alarm_is_told():
     with pytest.raises(
         ConfigError, match="model garden: has no alarm: its classes are cat, dog; train with --alarm-class"
     ):
-        run_day(load_day()[0], model)
+        alarm.run_day(alarm.load_day()[0], model)
     with pytest.raises(ConfigError, match="home-alarm: is a plan of classes; a day of an alarm needs"):
-        load_day("home-alarm")
+        alarm.load_day("home-alarm")

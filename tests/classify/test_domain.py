@@ -6,13 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from doppelgait.classify.domain import (
-    compare_recordings,
-    comparison_rows,
-    measure_windows,
-    plot_recording,
-    simulate_like,
-)
+from doppelgait.classify import domain
 from doppelgait.cli.radar import compare
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array
@@ -49,22 +43,22 @@ def sensors(seed: int, count: int = 8, *, rho: float = 0.0, jitter_db: float = 3
 
 
 def test_the_same_kind_is_not_told_apart_and_another_is_by_what_differs() -> None:
-    same = compare_recordings(sensors(0), sensors(1))
+    same = domain.compare_recordings(sensors(0), sensors(1))
     assert same.held_out == "recordings"
     assert same.auc_of_shape[1] < 0.5 < same.auc_of_shape[2]
     assert same.auc_of_shape[0] == pytest.approx(0.5, abs=0.12)
-    other = compare_recordings(sensors(0), sensors(1, rho=0.4))
+    other = domain.compare_recordings(sensors(0), sensors(1, rho=0.4))
     assert other.auc_of_shape[0] > 0.97
     assert next(iter(other.distances)).startswith("correlation, 1 bin")
     assert other.distances["correlation, 1 bin apart"][1] > 0.97
-    rows = comparison_rows({"before": other, "after": same})
+    rows = domain.comparison_rows({"before": other, "after": same})
     assert rows[0]["before"].startswith(f"{other.auc[0]:.2f} (")
 
 
 def test_few_recordings_are_held_out_in_parts() -> None:
-    found = compare_recordings(sensors(0, 2), sensors(1, 2))
+    found = domain.compare_recordings(sensors(0, 2), sensors(1, 2))
     assert found.held_out == "parts of recordings"
-    (line,) = [row for row in comparison_rows({"my-sensor": found}) if row[""] == "tested on unseen"]
+    (line,) = [row for row in domain.comparison_rows({"my-sensor": found}) if row[""] == "tested on unseen"]
     assert line["my-sensor"] == "parts of recordings"
     assert (found.n_real, found.n_synthetic) == (2, 2)
 
@@ -87,7 +81,7 @@ def test_simulated_recordings_have_the_pulses_and_bins_of_the_real_ones(tmp_path
             "target": {"range_m": 4.0},
         }
     )
-    empty, walk = simulate_like(real, model), simulate_like(real, model, plan=plan)
+    empty, walk = domain.simulate_like(real, model), domain.simulate_like(real, model, plan=plan)
     for one in (*empty, *walk):
         assert one.samples.shape == real[0].samples.shape
         assert one.slow_time_s == pytest.approx(times_s)
@@ -95,16 +89,16 @@ def test_simulated_recordings_have_the_pulses_and_bins_of_the_real_ones(tmp_path
     assert empty[0].radar.noise_figure_db != empty[1].radar.noise_figure_db
     power = [float(np.mean(np.abs(r.samples.matrix) ** 2)) for r in (empty[0], walk[0])]
     assert power[1] > 10 * power[0]
-    again = simulate_like(real, model, plan=plan)
+    again = domain.simulate_like(real, model, plan=plan)
     assert all(np.array_equal(a.samples.matrix, b.samples.matrix) for a, b in zip(walk, again, strict=True))
 
 
 def test_pictures_and_page() -> None:
     room = sensors(0, 1)[0]
-    level_db, axis, label = plot_recording(room)
+    level_db, axis, label = domain.plot_recording(room)
     assert (level_db.shape, label) == ((640, RADAR.n_range_bins), "range (m)")
     assert axis == pytest.approx(room.range_m)
-    page = plot_domains({"real": [plot_recording(room)]}, [{"": "AUC", "model": "0.50"}], title="a page")
+    page = plot_domains({"real": [domain.plot_recording(room)]}, [{"": "AUC", "model": "0.50"}], title="a page")
     assert len(page.axes) == 3
     assert page.axes[1].get_ylabel() == "level above the median (dB)"
     assert page.axes[0].get_xlabel() == "pulse number"
@@ -117,7 +111,7 @@ def test_statistics_of_a_repeating_and_clipping_sensor() -> None:
     room = sensors(0, 1)[0]
     values = np.array(room.samples.matrix)
     values[10:20] = values[10]
-    (first, *_) = measure_windows(room.with_baseband(room.baseband.copy(data=values)))
+    (first, *_) = domain.measure_windows(room.with_baseband(room.baseband.copy(data=values)))
     assert first["repeated pulses"] == pytest.approx(9 / 31)
     assert first["values at the largest"] < 0.01
 
@@ -126,10 +120,10 @@ def test_statistics_of_a_repeating_and_clipping_sensor() -> None:
 def test_a_recording_of_a_few_pulses_is_refused(pulses: int) -> None:
     room = sensors(0, 1)[0]
     short = room.with_baseband(room.baseband[:pulses, :1], truth=())
-    for use in (measure_windows, plot_recording):
+    for use in (domain.measure_windows, domain.plot_recording):
         with pytest.raises(AnalysisError, match=f"{pulses} pulses are too few to compare: 32 are needed"):
             use(short)
-    assert len(measure_windows(room.with_baseband(room.baseband[:32], truth=()))) == 4
+    assert len(domain.measure_windows(room.with_baseband(room.baseband[:32], truth=()))) == 4
 
 
 def test_the_command_leaves_out_what_is_too_short_and_tells_models_of_one_name_apart(

@@ -8,15 +8,7 @@ from pydantic import Field, model_validator
 
 import doppelgait as dg
 from checkout import ROOT
-from doppelgait.core.config import (
-    FrozenModel,
-    apply_overrides,
-    check_choice,
-    format_canonical_json,
-    format_line_note,
-    read_toml,
-    validate,
-)
+from doppelgait.core import config
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.core.plugins import list_plugin_groups
 from doppelgait.dataset.config import PlanConfig
@@ -169,7 +161,7 @@ def test_no_wrong_value_of_any_key_leaks_the_library_that_checks_it() -> None:
         group.values()
     for module in ("dataset.config", "dataset.motions", "classify.alarm", "pipeline.pictures", "motion.hybrid"):
         import_module(f"doppelgait.{module}")
-    classes, queue = set(), [FrozenModel]
+    classes, queue = set(), [config.FrozenModel]
     while queue:
         below = queue.pop().__subclasses__()
         classes.update(below)
@@ -295,7 +287,7 @@ def test_wrong_overrides_are_explained(scene_file, override, message):
 
 def test_overrides_do_not_change_the_table_given():
     table = {"a": {"b": [1, 2]}}
-    assert apply_overrides(table, ["a.b.1=5", "a.c=text", "d.e=true"]) == {
+    assert config.apply_overrides(table, ["a.b.1=5", "a.c=text", "d.e=true"]) == {
         "a": {"b": [1, 5], "c": "text"},
         "d": {"e": True},
     }
@@ -305,7 +297,7 @@ def test_overrides_do_not_change_the_table_given():
 # --- Files --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("read", [read_toml, Scene.from_toml, Run.from_toml])
+@pytest.mark.parametrize("read", [config.read_toml, Scene.from_toml, Run.from_toml])
 def test_missing_broken_and_binary_files_are_named(tmp_path, read):
     (tmp_path / "broken.toml").write_text("a = \n")
     (tmp_path / "walk.h5").write_bytes(b"\x89HDF\r\n\x1a\n\xff\xfe")
@@ -334,19 +326,19 @@ def test_missing_broken_and_binary_files_are_named(tmp_path, read):
     ],
 )
 def test_line_of_a_key(keys, line):
-    assert format_line_note(SCENE, keys) == (f" (line {line_in(SCENE, line)})" if line else "")
-    assert format_line_note("", keys) == ""
-    assert format_line_note('# seed = 1\nseed = 2  # seed = "x"\n', ["seed"]) == " (line 2)"
+    assert config.format_line_note(SCENE, keys) == (f" (line {line_in(SCENE, line)})" if line else "")
+    assert config.format_line_note("", keys) == ""
+    assert config.format_line_note('# seed = 1\nseed = 2  # seed = "x"\n', ["seed"]) == " (line 2)"
 
 
 # --- Models -------------------------------------------------------------------------------------------------------
 
 
-class Inner(FrozenModel):
+class Inner(config.FrozenModel):
     size_m: float = Field(gt=0)
 
 
-class Outer(FrozenModel):
+class Outer(config.FrozenModel):
     inner: Inner = Inner(size_m=1.0)
     many: tuple[Inner, ...] = ()
 
@@ -355,20 +347,20 @@ def test_models_of_models_forbid_unknown_keys():
     with pytest.raises(ConfigError, match=r"Outer: inner\.colour: unknown key; allowed are size_m"):
         Outer(inner={"size_m": 2.0, "colour": 1})
     with pytest.raises(ConfigError, match=r"here: inner\.colour: unknown key; allowed are size_m"):
-        validate(Outer, {"inner": {"size_m": 2.0, "colour": 1}}, where="here")
+        config.validate(Outer, {"inner": {"size_m": 2.0, "colour": 1}}, where="here")
     with pytest.raises(ConfigError, match=r"many\.1\.size_m: is required"):
-        validate(Outer, {"many": [{"size_m": 1}, {}]})
+        config.validate(Outer, {"many": [{"size_m": 1}, {}]})
     with pytest.raises(ConfigError, match=r"many\.0\.x: unknown key; allowed are size_m"):
-        validate(Outer, {"many": [{"size_m": 1, "x": 2}]})
+        config.validate(Outer, {"many": [{"size_m": 1, "x": 2}]})
     assert issubclass(ConfigError, DoppelgaitError)
 
 
 def test_canonical_json_does_not_depend_on_the_order():
-    assert format_canonical_json({"b": 1, "a": [1.5, None]}) == '{"a":[1.5,null],"b":1}'
+    assert config.format_canonical_json({"b": 1, "a": [1.5, None]}) == '{"a":[1.5,null],"b":1}'
     one, two = Analysis(cpi_s=0.2, hop=3), Analysis(hop=3, cpi_s=0.2)
-    assert format_canonical_json(one) == format_canonical_json(two)
+    assert config.format_canonical_json(one) == config.format_canonical_json(two)
     radar = Radar.preset("x4")
-    assert Radar.model_validate_json(format_canonical_json(radar)) == radar
+    assert Radar.model_validate_json(config.format_canonical_json(radar)) == radar
 
 
 @pytest.mark.parametrize("name", list_preset_names())
@@ -382,13 +374,13 @@ def test_every_preset_is_a_radar(name):
 def test_example_files_are_valid():
     folder = ROOT / "examples"
     for path in folder.glob("*.toml"):
-        table, text = read_toml(path)
+        table, text = config.read_toml(path)
         if "targets" in table:
             parse_run(table, where=str(path), text=text)
 
 
 def test_a_fault_across_keys_speaks_for_itself():
-    class Pair(FrozenModel):
+    class Pair(config.FrozenModel):
         low: float
         high: float
 
@@ -399,13 +391,13 @@ def test_a_fault_across_keys_speaks_for_itself():
             return self
 
     with pytest.raises(ConfigError) as caught:
-        validate(Pair, {"low": 3, "high": 2}, where="pair.toml")
+        config.validate(Pair, {"low": 3, "high": 2}, where="pair.toml")
     assert str(caught.value) == "pair.toml: low: 3 is above high: 2"
 
 
 @pytest.mark.parametrize("value", ["c", None, ["a"], "a, b"])
 def test_a_name_that_is_not_allowed_is_refused_with_those_that_are(value):
-    check_choice("a", ("a", "b"), "letter")
+    config.check_choice("a", ("a", "b"), "letter")
     with pytest.raises(ConfigError) as caught:
-        check_choice(value, ("a", "b"), "letter")
+        config.check_choice(value, ("a", "b"), "letter")
     assert str(caught.value) == f"letter: {value!r} is not allowed; it must be one of a, b"

@@ -6,17 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from doppelgait.core import labels
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import (
-    CADENCE_MAP,
-    MOTION,
-    NORMALISED_SIGNATURE,
-    SIGNATURE,
-    Signal,
-    make_array,
-    read_axis,
-    replace_array_values,
-)
 
 TIME_S, DOPPLER_HZ = np.linspace(0.0, 1.0, 5), np.array([-10.0, 0.0, 10.0])
 
@@ -28,7 +19,7 @@ def signature():
         "velocity": ("doppler", 0.02 * DOPPLER_HZ),
         "centre_range": ("time", TIME_S + 2.0, {"units": "m"}),
     }
-    return make_array(SIGNATURE, np.arange(15.0).reshape(5, 3), coords, {"hop": 8})
+    return labels.make_array(labels.SIGNATURE, np.arange(15.0).reshape(5, 3), coords, {"hop": 8})
 
 
 def test_an_array_is_the_one_that_xarray_makes_of_the_same_parts():
@@ -52,53 +43,57 @@ def test_an_array_is_the_one_that_xarray_makes_of_the_same_parts():
 
 def test_arrays_of_another_byte_order_are_converted():
     axes = {"doppler": DOPPLER_HZ.astype(">f8"), "centre_range": ("time", (TIME_S + 2.0).astype(">f8"))}
-    plain = Signal.of(signature().astype(">f8").assign_coords(axes), SIGNATURE)
+    plain = labels.Signal.of(signature().astype(">f8").assign_coords(axes), labels.SIGNATURE)
     assert all(array.dtype.isnative for array in (plain.values, plain.axis("doppler"), plain.axis("centre_range")))
 
 
 def test_new_values_share_the_coordinates_and_leave_the_old_array_alone():
     old = signature()
-    plain = Signal.of(old, SIGNATURE)
-    new = plain.replace(np.zeros((5, 3)), schema=NORMALISED_SIGNATURE, attrs={"normalisation": "sum"}).label()
+    plain = labels.Signal.of(old, labels.SIGNATURE)
+    new = plain.replace(np.zeros((5, 3)), schema=labels.NORMALISED_SIGNATURE, attrs={"normalisation": "sum"}).label()
     assert (new.name, new.attrs) == ("normalised_signature", {"units": "1", "hop": 8, "normalisation": "sum"})
     assert (old.name, old.attrs) == ("signature", {"units": "V^2", "hop": 8})
     assert old.values.any()
     xr.testing.assert_identical(new.coords.to_dataset(), old.coords.to_dataset())
-    assert replace_array_values(old, np.zeros((5, 3))).attrs == old.attrs
+    assert labels.replace_array_values(old, np.zeros((5, 3))).attrs == old.attrs
     for shape in ((5,), (4, 3)):
         with pytest.raises(ValueError, match=rf"{re.escape(str(shape))} do not fit .*\(5, 3\)"):
-            replace_array_values(old, np.zeros(shape))
+            labels.replace_array_values(old, np.zeros(shape))
 
 
 def test_coordinates_can_be_taken_from_a_like_array():
     cadence_hz = np.array([0.0, 0.5])
-    made = Signal.of(signature(), SIGNATURE).with_axes(CADENCE_MAP, np.zeros((2, 3)), cadence=cadence_hz).label()
+    made = (
+        labels.Signal.of(signature(), labels.SIGNATURE)
+        .with_axes(labels.CADENCE_MAP, np.zeros((2, 3)), cadence=cadence_hz)
+        .label()
+    )
     assert set(made.coords) == {"cadence", "doppler", "velocity"}
-    np.testing.assert_array_equal(read_axis(made, "doppler"), DOPPLER_HZ)
+    np.testing.assert_array_equal(labels.read_axis(made, "doppler"), DOPPLER_HZ)
     np.testing.assert_array_equal(made.sel(cadence=0.5, doppler=-10.0), 0.0)
 
 
 def test_a_coordinate_of_another_length_is_refused():
     with pytest.raises(ValueError, match="coordinate 'time'"):
-        make_array(SIGNATURE, np.zeros((4, 3)), {"time": TIME_S, "doppler": DOPPLER_HZ})
+        labels.make_array(labels.SIGNATURE, np.zeros((4, 3)), {"time": TIME_S, "doppler": DOPPLER_HZ})
 
 
 def test_a_missing_coordinate_is_named():
     with pytest.raises(AnalysisError, match="'velocity' along 'doppler' is missing"):
-        make_array(SIGNATURE, np.zeros((5, 3)), {"time": TIME_S, "doppler": DOPPLER_HZ})
+        labels.make_array(labels.SIGNATURE, np.zeros((5, 3)), {"time": TIME_S, "doppler": DOPPLER_HZ})
 
 
 def test_axes_are_those_of_the_coordinates_numbers_and_names():
     array = signature()
     for name in ("time", "doppler", "velocity", "centre_range"):
-        np.testing.assert_array_equal(read_axis(array, name), array.coords[name].values)
-        assert read_axis(array.to_dataset(), name).dtype == np.float64
+        np.testing.assert_array_equal(labels.read_axis(array, name), array.coords[name].values)
+        assert labels.read_axis(array.to_dataset(), name).dtype == np.float64
     coords = {"time": TIME_S, "marker": ["head", "toe"], "space": ["x", "y", "z"], "part": ("marker", ["a", "b"])}
-    motion = make_array(MOTION, np.zeros((5, 2, 3)), coords)
-    assert read_axis(motion, "marker").tolist() == ["head", "toe"]
-    assert read_axis(motion, "marker").dtype == motion.coords["marker"].dtype
+    motion = labels.make_array(labels.MOTION, np.zeros((5, 2, 3)), coords)
+    assert labels.read_axis(motion, "marker").tolist() == ["head", "toe"]
+    assert labels.read_axis(motion, "marker").dtype == motion.coords["marker"].dtype
     with pytest.raises(KeyError):
-        read_axis(array, "range")
+        labels.read_axis(array, "range")
 
 
 def test_an_edit_of_one_array_reaches_no_other():
@@ -115,7 +110,7 @@ def test_an_edit_of_one_array_reaches_no_other():
     with pytest.raises(AnalysisError, match="must be real floats"):
         second.with_positions(np.zeros(second.position_m.shape, dtype=int))
     made = signature()
-    new = replace_array_values(made, made.values + 1.0)
+    new = labels.replace_array_values(made, made.values + 1.0)
     new.coords["velocity"].values[0] = 99.0
     new.coords["velocity"].attrs["units"] = "knots"
     assert made.coords["velocity"].values[0] == pytest.approx(-0.2)

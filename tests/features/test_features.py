@@ -8,16 +8,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, CADENCE_SPECTRUM, SIGNATURE, Signal, make_array
 from doppelgait.core.rng import Streams
 from doppelgait.features import FEATURE_UNITS, GaitFeatures, harmonic_ratio, limb_torso_ratio, snr_mu_db
-from doppelgait.features.doppler import (
-    DETECTION_SHARE,
-    bandwidth_threshold_hz,
-    compute_noise_quantile,
-    envelopes_hz,
-    raised_by_noise_v2,
-    single_tone_width_hz,
-    width_level_v2,
-    width_of_bins,
-)
+from doppelgait.features import doppler as measures
 from doppelgait.features.observed import Observation
 from doppelgait.motion.models import breathing_person, moving_point
 from doppelgait.motion.models.boulic import boulic_walk
@@ -150,7 +141,7 @@ def test_an_empty_room_gives_no_features(noise_power_v2):
 
 
 def test_width_of_a_single_tone_e35():
-    wanted = single_tone_width_hz(cpi_s=0.1, window_steepness=0.4, threshold=0.04)
+    wanted = measures.single_tone_width_hz(cpi_s=0.1, window_steepness=0.4, threshold=0.04)
     assert wanted == pytest.approx(28.55, abs=0.005)
 
 
@@ -161,8 +152,8 @@ def test_threshold_width_is_contiguous_from_the_peak_and_interpolated_e35():
     left = 6 - np.log(1.0 / 0.04) / np.log(1.0 / 0.02)
     right = 7 + np.log(0.52 / 0.04) / np.log(0.52 / 0.001)
     wanted = right - left
-    assert bandwidth_threshold_hz(spectrum, doppler_hz, threshold=0.04) == pytest.approx(wanted)
-    assert bandwidth_threshold_hz(np.ones(11), doppler_hz, threshold=0.04) == 10.0
+    assert measures.bandwidth_threshold_hz(spectrum, doppler_hz, threshold=0.04) == pytest.approx(wanted)
+    assert measures.bandwidth_threshold_hz(np.ones(11), doppler_hz, threshold=0.04) == 10.0
 
 
 def block_signature(low, high, floor, k=200, n_columns=100):
@@ -188,7 +179,9 @@ def envelope_width_hz(mu, floor_v2):
 def test_noise_passes_the_envelopes_threshold_as_seldom_with_few_bins_as_with_many(n_bins):
     noise = np.random.default_rng(5).gamma(n_bins, 1 / n_bins, 4_000_000)
     expected = 4_000_000 * stats.norm.sf(4.0)  # 127
-    assert abs((noise > compute_noise_quantile(n_bins, DETECTION_SHARE)).sum() - expected) < 4 * np.sqrt(expected)
+    assert abs(
+        (noise > measures.compute_noise_quantile(n_bins, measures.DETECTION_SHARE)).sum() - expected
+    ) < 4 * np.sqrt(expected)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -196,7 +189,7 @@ def test_envelopes_are_those_of_the_cumulative_power_e35(dtype):
     values = np.random.default_rng(3).exponential(1.0, (200, 63)).astype(dtype)
     values[7], values[8, :-1], values[9, 1:] = 0.0, 0.0, 0.0
     coords = {"time": np.arange(200) / RATE_HZ, **doppler_coords(63)}
-    found = envelopes_hz(Signal.of(make_array(SIGNATURE, values, coords, {"n_gate_bins": 16}), SIGNATURE), 0.3)
+    found = measures.envelopes_hz(Signal.of(make_array(SIGNATURE, values, coords, {"n_gate_bins": 16}), SIGNATURE), 0.3)
     threshold = 0.3 * stats.gamma.isf(stats.norm.sf(4.0), 16) / 16
     power = np.where(values > threshold, values.astype(float) - 0.3, 0.0)
     share = power.cumsum(axis=1) / np.maximum(power.sum(axis=1, keepdims=True), 1e-300)
@@ -217,7 +210,7 @@ def test_bandwidth_needs_signal_in_half_of_the_columns_e35():
     mu = block_signature(100, 109, 0.01)
     mu.values[:60] = 0.01
     assert envelope_width_hz(mu, 0.01) is None
-    low, _ = envelopes_hz(mu, 0.01)
+    low, _ = measures.envelopes_hz(mu, 0.01)
     assert np.isnan(low[:60]).all()
     assert np.isfinite(low[60:]).all()
 
@@ -225,22 +218,22 @@ def test_bandwidth_needs_signal_in_half_of_the_columns_e35():
 def test_width_is_that_of_the_run_about_the_largest_share_e35():
     share = np.array([0.3, 0.0, 0.02, 0.10, 0.6, 1.0, 0.4, 0.06, 0.01, 0.2, 0.0])
     # left: between 2 (0.02) and 3 (0.10) at 3 - 5/8; right: between 7 (0.06) and 8 (0.01) at 7 + 1/5
-    assert width_of_bins(share) == pytest.approx(7.2 - (3 - 5 / 8))
-    assert width_of_bins(np.full(9, 0.5)) == 8.0
+    assert measures.width_of_bins(share) == pytest.approx(7.2 - (3 - 5 / 8))
+    assert measures.width_of_bins(np.full(9, 0.5)) == 8.0
     np.testing.assert_array_equal(
-        width_of_bins(np.stack([share, np.full(share.size, 0.01)])), [width_of_bins(share), np.nan]
+        measures.width_of_bins(np.stack([share, np.full(share.size, 0.01)])), [measures.width_of_bins(share), np.nan]
     )
     wide = np.convolve(np.ones(5), np.ones(3)) / 3  # symmetric
-    assert width_of_bins(wide) == pytest.approx(width_of_bins(wide[::-1]))
+    assert measures.width_of_bins(wide) == pytest.approx(measures.width_of_bins(wide[::-1]))
 
 
 def test_level_rises_by_the_noise_that_is_as_frequent_e35():
     rng = np.random.default_rng(8)
     for n_bins in (1.0, 4.0, 17.0):
         noise = 0.3 * (rng.gamma(n_bins, 1 / n_bins, 400_000) - 1.0)
-        silent = raised_by_noise_v2(np.zeros(1), 0.3, n_bins)
+        silent = measures.raised_by_noise_v2(np.zeros(1), 0.3, n_bins)
         assert (noise >= silent).mean() == pytest.approx(0.05, rel=0.03)
-        np.testing.assert_allclose(raised_by_noise_v2(np.full(1, 0.4), 0.3, n_bins), np.sqrt(0.16 + silent**2))
+        np.testing.assert_allclose(measures.raised_by_noise_v2(np.full(1, 0.4), 0.3, n_bins), np.sqrt(0.16 + silent**2))
 
 
 def test_level_of_the_width_is_a_share_of_the_median_strongest_cell_with_range_removed_e35():
@@ -248,7 +241,7 @@ def test_level_of_the_width_is_a_share_of_the_median_strongest_cell_with_range_r
     range_m = np.linspace(3.0, 6.0, 100)
     mu.values[:] = 0.01 + (mu.values - 0.01) * ((4.5 / range_m) ** 4)[:, None]  # the radar equation
     mu.values[:7] += 50.0 * (mu.values[:7] - 0.01)  # glints count little
-    level = width_level_v2(mu.values.max(axis=1), 0.01, (range_m / 4.5) ** 4)
+    level = measures.width_level_v2(mu.values.max(axis=1), 0.01, (range_m / 4.5) ** 4)
     assert level == pytest.approx(0.03, rel=1e-5)
 
 

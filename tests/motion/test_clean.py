@@ -1,7 +1,6 @@
 """Cleaning and describing motions whose truth is known."""
 
 import json
-import warnings
 from typing import Any
 
 import numpy as np
@@ -195,13 +194,12 @@ def test_description_of_a_stander_has_no_stride() -> None:
     assert abs(facts["mean_speed_mps"]) < 0.02
 
 
+@pytest.mark.filterwarnings("error")
 def test_description_of_a_body_never_half_seen_has_no_stride() -> None:
     holed = np.full((480, 7, 3), np.nan)
     for p in range(7):
         holed[60 * p : 60 * p + 50, p] = walk()[60 * p : 60 * p + 50, p]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert describe_motion(motion_of(holed))["stride_hz"] is None
+    assert describe_motion(motion_of(holed))["stride_hz"] is None
 
 
 def test_no_frames_have_no_still_points_and_no_centre() -> None:

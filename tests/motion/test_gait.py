@@ -8,16 +8,8 @@ import numpy.typing as npt
 import pytest
 
 from doppelgait.motion import Motion, make_motion
+from doppelgait.motion import gait as motion_gait
 from doppelgait.motion.clean import clean_motion
-from doppelgait.motion.gait import (
-    add_gait_facts,
-    find_feet,
-    find_steps,
-    measure_gait,
-    measure_travel,
-    name_quadruped_gait,
-    step_and_gait_frequency_hz,
-)
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS
 from doppelgait.motion.readers import read
@@ -37,28 +29,28 @@ NAMED_LAGS = {
 @pytest.mark.parametrize("gait", NAMED_LAGS)
 def test_gait_of_known_lags(gait: str) -> None:
     for lh_lf, lh_rh, lf_rf in NAMED_LAGS[gait]:
-        assert name_quadruped_gait({"lh_lf": lh_lf, "lh_rh": lh_rh, "lf_rf": lf_rf}) == gait
+        assert motion_gait.name_quadruped_gait({"lh_lf": lh_lf, "lh_rh": lh_rh, "lf_rf": lf_rf}) == gait
         # seen in a mirror: left and right change places
         right_hind_to_fore = (lh_lf + lf_rf - lh_rh) % 1
         mirrored = {"lh_lf": right_hind_to_fore, "lh_rh": -lh_rh % 1, "lf_rf": -lf_rf % 1}
-        assert name_quadruped_gait(mirrored) == gait
+        assert motion_gait.name_quadruped_gait(mirrored) == gait
 
 
 @pytest.mark.parametrize("lags", [{"lh_lf": 0.2, "lh_rh": 0.5}, {"lh_lf": 0.2, "lh_rh": 0.5, "lf_rf": 0.1}, {}])
 def test_no_gait_without_all_lags_or_with_one_even_pair(lags: dict[str, float]) -> None:
-    assert name_quadruped_gait(lags) == ""
+    assert motion_gait.name_quadruped_gait(lags) == ""
 
 
 def test_frequencies_by_gait() -> None:
-    assert step_and_gait_frequency_hz("run", 1.4) == (2.8, 2.8)
-    step, gait = step_and_gait_frequency_hz("bound", 2.0)
+    assert motion_gait.step_and_gait_frequency_hz("run", 1.4) == (2.8, 2.8)
+    step, gait = motion_gait.step_and_gait_frequency_hz("bound", 2.0)
     assert np.isnan(step)
     assert gait == 2.0
-    assert np.isnan(step_and_gait_frequency_hz("", 2.0)).all()
+    assert np.isnan(motion_gait.step_and_gait_frequency_hz("", 2.0)).all()
 
 
 def _check_against_truth(motion: Motion, frames: float) -> None:
-    found, truth = measure_gait(motion), motion.facts.footfalls
+    found, truth = motion_gait.measure_gait(motion), motion.facts.footfalls
     last_s = float(motion.time_s[-1])
     assert found.measured_from == "footfalls"
     assert found.stride_frequency_hz == pytest.approx(motion.facts.stride_frequency_hz, rel=0.005)
@@ -76,8 +68,8 @@ def _check_against_truth(motion: Motion, frames: float) -> None:
 def test_walker_lands_where_the_model_says(speed_mps: float) -> None:
     motion = boulic_walk(speed_mps=speed_mps, duration_s=6.0)
     _check_against_truth(motion, frames=2)
-    assert measure_gait(motion).gait == "walk"
-    assert measure_gait(motion).phases["l_r"] == pytest.approx(0.5, abs=0.01)
+    assert motion_gait.measure_gait(motion).gait == "walk"
+    assert motion_gait.measure_gait(motion).phases["l_r"] == pytest.approx(0.5, abs=0.01)
 
 
 @pytest.mark.parametrize("gait", GAITS)
@@ -86,7 +78,7 @@ def test_dog_lands_where_the_model_says_and_goes_in_its_gait(gait: str, share: f
     low, high, _ = GAITS[gait].froude
     motion = quadruped_gait(gait=gait, froude=low * (high / low) ** share, duration_s=4.0)
     _check_against_truth(motion, frames=2)
-    found = measure_gait(motion)
+    found = motion_gait.measure_gait(motion)
     assert found.gait == gait
     touchdown = GAITS[gait].touchdown
     lags = {"lh_lf": "left_fore", "lh_rh": "right_hind"}
@@ -99,7 +91,7 @@ def test_heading_place_and_height_do_not_matter() -> None:
     motion = quadruped_gait(gait="walk", duration_s=3.0)
     turn = np.array([[np.cos(2.0), np.sin(2.0), 0], [-np.sin(2.0), np.cos(2.0), 0], [0, 0, 1]])
     moved = motion.with_positions(motion.position_m @ turn + np.array([5.0, -7.0, 0.4]))
-    before, after = measure_gait(motion), measure_gait(moved)
+    before, after = motion_gait.measure_gait(motion), motion_gait.measure_gait(moved)
     assert after.gait == before.gait == "walk"
     assert after.footfalls == before.footfalls
 
@@ -107,7 +99,7 @@ def test_heading_place_and_height_do_not_matter() -> None:
 def test_noise_of_a_millimetre_after_cleaning_keeps_gait_and_beat() -> None:
     motion = quadruped_gait(gait="trot", duration_s=4.0, rate_hz=120)
     noisy = motion.with_positions(motion.position_m + np.random.default_rng(4).normal(0, 1e-3, motion.positions.shape))
-    found = measure_gait(clean_motion(noisy))
+    found = motion_gait.measure_gait(clean_motion(noisy))
     assert found.gait == "trot"
     assert found.stride_frequency_hz == pytest.approx(motion.facts.stride_frequency_hz, rel=0.005)
 
@@ -145,7 +137,7 @@ def _runner(*, duty: float, stride_hz: float = 1.4, speed_mps: float = 3.0) -> M
 
 
 def test_run_has_flight_and_walk_has_none() -> None:
-    run, walk = measure_gait(_runner(duty=0.25)), measure_gait(_runner(duty=0.62))
+    run, walk = motion_gait.measure_gait(_runner(duty=0.25)), motion_gait.measure_gait(_runner(duty=0.62))
     assert (run.gait, walk.gait) == ("run", "walk")
     assert run.stride_frequency_hz == pytest.approx(1.4, rel=0.002)
     assert run.step_frequency_hz == run.gait_frequency_hz == pytest.approx(2.8, rel=0.002)
@@ -157,7 +149,7 @@ def test_standing_body_has_no_footfalls() -> None:
     rng = np.random.default_rng(1)
     still = np.array([0.0, 0.0, 1.0]) * np.arange(6)[:, None] * 0.3 + rng.normal(0, 0.002, (400, 6, 3))
     motion = make_motion(still, rate_hz=100.0, markers=list("abcdef"), parts=["left_foot", "right_foot", *[""] * 4])
-    found = add_gait_facts(motion)
+    found = motion_gait.add_gait_facts(motion)
     assert found.facts.gait == ""
     assert np.isnan(found.facts.stride_frequency_hz)
     assert not any(found.facts.footfalls.values())
@@ -167,20 +159,20 @@ def test_feet_without_names_are_the_lowest_points_left_and_right() -> None:
     named = boulic_walk(duration_s=5.0)
     bare = named.with_points(named.position_m, named.markers, [""] * len(named.markers)).with_facts(species="")
     markers = named.markers
-    feet = {foot: {str(markers[n]) for n in points} for foot, points in find_feet(bare).items()}
+    feet = {foot: {str(markers[n]) for n in points} for foot, points in motion_gait.find_feet(bare).items()}
     assert set(feet) == {"left_foot", "right_foot"}
     assert all(name.startswith(foot.split("_")[0]) for foot, names in feet.items() for name in names)
-    found = measure_gait(bare)
+    found = motion_gait.measure_gait(bare)
     assert found.stride_frequency_hz == pytest.approx(named.facts.stride_frequency_hz, rel=0.005)
 
 
 def test_stated_facts_stay() -> None:
     model = quadruped_gait(gait="gallop", duration_s=2.0)
-    filled = add_gait_facts(model)
+    filled = motion_gait.add_gait_facts(model)
     for key in ("gait", "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz", "footfalls"):
         assert getattr(filled.facts, key) == getattr(model.facts, key) or np.isnan(getattr(model.facts, key))
     assert np.isnan(filled.facts.step_frequency_hz)  # not defined for a gallop
-    wrong = add_gait_facts(model.with_facts(stride_frequency_hz=9.0, gait="trot", gait_frequency_hz=np.nan))
+    wrong = motion_gait.add_gait_facts(model.with_facts(stride_frequency_hz=9.0, gait="trot", gait_frequency_hz=np.nan))
     assert wrong.facts.stride_frequency_hz == 9.0
     assert wrong.facts.gait_frequency_hz == 18.0
 
@@ -191,7 +183,7 @@ def test_unknown_facts_are_filled() -> None:
     bare = model.with_facts(
         gait="", footfalls={}, stride_frequency_hz=nan, step_frequency_hz=nan, gait_frequency_hz=nan
     )
-    filled = add_gait_facts(bare)
+    filled = motion_gait.add_gait_facts(bare)
     assert filled.facts.gait == "walk"
     for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz"):
         assert getattr(filled.facts, key) == pytest.approx(getattr(model.facts, key), rel=0.005)
@@ -205,23 +197,23 @@ def test_a_gap_is_bridged_and_a_foot_never_seen_left_out() -> None:
     names = motion.markers
     values[200:205, names.index("left_hind_paw")] = np.nan
     values[:, names.index("right_fore_paw")] = np.nan
-    steps = find_steps(motion.with_positions(values))
+    steps = motion_gait.find_steps(motion.with_positions(values))
     assert set(steps) == {"left_hind", "right_hind", "left_fore"}
-    assert measure_gait(motion.with_positions(values)).gait == ""
+    assert motion_gait.measure_gait(motion.with_positions(values)).gait == ""
 
 
 def test_a_gallop_whose_paws_stop_in_the_air_is_a_leap() -> None:
     gallop = quadruped_gait(gait="gallop", withers_m=0.5, duration_s=2.0)
-    assert measure_gait(gallop).gait in ("gallop", "transverse_gallop")
+    assert motion_gait.measure_gait(gallop).gait in ("gallop", "transverse_gallop")
     leap_m = 0.8 * np.sin(np.pi * gallop.time_s / gallop.duration_s) ** 2
     leap = gallop.with_positions(gallop.position_m + leap_m[:, np.newaxis, np.newaxis] * [0.0, 0.0, 1.0])
-    assert measure_gait(leap).gait == ""
+    assert motion_gait.measure_gait(leap).gait == ""
 
 
 def test_speed_is_not_measured_where_the_body_was_not_seen() -> None:
     walk = human_gait(speed_mps=1.2, height_m=1.75, duration_s=4.0, rate_hz=60)
     before = np.full((120, *walk.position_m.shape[1:]), np.nan)
-    facts = measure_travel(np.concatenate([before, walk.position_m, before]), rate_hz=60)
+    facts = motion_gait.measure_travel(np.concatenate([before, walk.position_m, before]), rate_hz=60)
     assert facts["mean_speed_mps"] == pytest.approx(1.2, rel=0.03)
 
 
@@ -235,7 +227,7 @@ def relative_errors(motion: Motion, duration_s: float, true_hz: float) -> np.nda
     """Return the relative errors of all windows of a duration; NaN where no stride is found."""
     frames = round(duration_s * motion.rate_hz)
     starts = range(0, motion.n_frames - frames, frames // 2)
-    found = [measure_gait(motion.frames(first, first + frames)).stride_frequency_hz for first in starts]
+    found = [motion_gait.measure_gait(motion.frames(first, first + frames)).stride_frequency_hz for first in starts]
     return np.array(found) / true_hz - 1.0
 
 
@@ -254,8 +246,8 @@ def test_motion_that_does_not_repeat_has_no_stride() -> None:
     swing = np.cumsum(rng.normal(0.0, 2e-3, (240, 17, 3)), axis=0)
     swing[..., 0] += 1.2 * time_s[:, np.newaxis]
     wandering = WALK.frames(0, 240).with_positions(swing)
-    assert measure_gait(wandering).measured_from in ("", "autocorrelation")
-    assert np.isnan(measure_gait(wandering).stride_frequency_hz)
+    assert motion_gait.measure_gait(wandering).measured_from in ("", "autocorrelation")
+    assert np.isnan(motion_gait.measure_gait(wandering).stride_frequency_hz)
 
 
 @pytest.mark.shared
@@ -264,7 +256,7 @@ def test_short_windows_of_recorded_walks_and_runs(shared: Path) -> None:
     errors = []
     for name in ("c3d/cmu_07_01.c3d", "c3d/cmu_02_01.c3d", "amc/cmu_07_10.amc", "bvh/bandai2_walk_normal_001.bvh"):
         motion = read(folder / name)
-        errors.append(relative_errors(motion, 1.2, measure_gait(motion).stride_frequency_hz))
+        errors.append(relative_errors(motion, 1.2, motion_gait.measure_gait(motion).stride_frequency_hz))
     every = np.abs(np.concatenate(errors))
     assert np.isfinite(every).mean() > 0.9
     assert np.nanmedian(every) < 0.02  # 13 % with the peak of the spectrum
@@ -281,7 +273,7 @@ def test_dog_segments_without_a_beat_agree_with_the_footfalls_of_the_table(share
     for row in rows:
         motion = recordings.get(row["file"]) or read(folder / row["file"], clean=False)
         recordings[row["file"]] = motion
-        found = measure_gait(clean_motion(motion.cut(int(row["start_frame"]), int(row["end_frame"]) + 1)))
+        found = motion_gait.measure_gait(clean_motion(motion.cut(int(row["start_frame"]), int(row["end_frame"]) + 1)))
         if found.measured_from == "autocorrelation":
             errors.append(found.stride_frequency_hz / float(row["footfall_stride_hz"]) - 1.0)
     assert len(errors) >= 8

@@ -9,14 +9,7 @@ from hypothesis import strategies as st
 
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
-from doppelgait.scene import RcsSpec, Scene, Target, assemble
-from doppelgait.scene.bodies import (
-    build_skeleton,
-    compute_ellipsoids,
-    compute_visible_power,
-    find_own_points,
-    see_ellipsoids,
-)
+from doppelgait.scene import RcsSpec, Scene, Target, assemble, bodies
 
 WALK, DOG = boulic_walk(duration_s=0.5), quadruped_gait(duration_s=0.5)
 T = np.arange(0, 0.45, 0.05)
@@ -92,10 +85,14 @@ def test_permuting_the_markers_permutes_the_rows(motion, name, seed):
 def test_another_unit_of_length_scales_areas_by_its_square_and_hides_the_same(motion, unit):
     other = motion.with_positions(motion.position_m * unit).with_facts(height_m=motion.facts.height_m * unit)
     radar = np.array([4.0, 2.0, 1.1])
-    one, two = (compute_ellipsoids(build_skeleton(m)) for m in (motion, other))
-    np.testing.assert_allclose(see_ellipsoids(two, unit * radar)[1], unit**2 * see_ellipsoids(one, radar)[1], rtol=1e-9)
+    one, two = (bodies.compute_ellipsoids(bodies.build_skeleton(m)) for m in (motion, other))
+    np.testing.assert_allclose(
+        bodies.see_ellipsoids(two, unit * radar)[1], unit**2 * bodies.see_ellipsoids(one, radar)[1], rtol=1e-9
+    )
     gains = [
-        compute_visible_power(m.position_m, body, find_own_points(m.position_m, body), k * radar, edge_m=k * 0.05)
+        bodies.compute_visible_power(
+            m.position_m, body, bodies.find_own_points(m.position_m, body), k * radar, edge_m=k * 0.05
+        )
         for m, body, k in ((motion, one, 1.0), (other, two, unit))
     ]
     np.testing.assert_allclose(gains[1], gains[0], atol=1e-9)

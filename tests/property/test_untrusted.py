@@ -159,13 +159,7 @@ SCENE = {
 @pytest.mark.parametrize("key", ["receiver_position_m", "targets.0.motion.speed_mps", "targets.0.start_position_m"])
 def test_numbers_of_no_sensible_size_are_refused(key, value):
     with pytest.raises(ConfigError, match=re.escape(key)):
-        parse_run(dg.core.config.apply_overrides(SCENE, []) | _with(key, value))
-
-
-def _with(key: str, value: object) -> dict:
-    first, *rest = key.split(".")
-    target = dict(SCENE["targets"][0], **({rest[1]: {"kind": "human", "speed_mps": value}} if rest[2:] else {}))
-    return {first: value} if not rest else {first: [target if rest[2:] else {**target, rest[1]: value}]}
+        parse_run(dg.core.config.apply_overrides(SCENE, [f"{key}={value}"]))
 
 
 @pytest.mark.parametrize("kind", ["human", "boulic"])
@@ -195,17 +189,7 @@ def test_a_section_that_is_drawn_is_a_table(section):
     [("x", "1e300"), ("y", "-1e6"), ("z", "1e30"), ("doppler", "1e9"), ("time_s", "1e300"), ("x", "inf")],
 )
 def test_points_beyond_any_sensor_are_refused(tmp_path, key, value):
-    row = {
-        "frame": "0",
-        "time_s": "0",
-        "x": "1",
-        "y": "1",
-        "z": "1",
-        "doppler": "1",
-        "snr": "9",
-        "track": "0",
-        key: value,
-    }
+    row = dict.fromkeys(("frame", "time_s", "x", "y", "z", "doppler", "snr", "track"), "1") | {key: value}
     (tmp_path / "a.csv").write_text(",".join(row) + "\n" + ",".join(row.values()) + "\n")
     with pytest.raises(DoppelgaitError, match=r"point 1 has no|is no number"):
         read_points(tmp_path / "a.csv")

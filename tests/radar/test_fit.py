@@ -14,16 +14,7 @@ from command import run
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.pipeline import parse_run
 from doppelgait.radar import Radar, Recording, write_recording
-from doppelgait.radar.fit import (
-    Estimate,
-    SensorKind,
-    SensorMeasurement,
-    describe_sensor,
-    fit_sensor,
-    format_preset,
-    measure_recording,
-    pool,
-)
+from doppelgait.radar import fit as radar_fit
 from doppelgait.radar.fit import room as room_fit
 from doppelgait.radar.fit.measure import find_converter
 from doppelgait.radar.fit.pool import find_mains_harmonic
@@ -87,14 +78,14 @@ TRUTHS = {
 }  # fmt: skip
 
 
-def measure(samples: np.ndarray, radar: Radar = RADAR) -> tuple[SensorMeasurement, room_fit.Room]:
-    measured = measure_recording(recording(samples, radar))
+def measure(samples: np.ndarray, radar: Radar = RADAR) -> tuple[radar_fit.SensorMeasurement, room_fit.Room]:
+    measured = radar_fit.measure_recording(recording(samples, radar))
     assert measured.room is not None
     return measured, measured.room
 
 
-def read_kinds(kind: SensorKind) -> dict[str, dict]:
-    return {entry["kind"]: entry for entry in tomllib.loads(format_preset(kind)).get("impairments", [])}
+def read_kinds(kind: radar_fit.SensorKind) -> dict[str, dict]:
+    return {entry["kind"]: entry for entry in tomllib.loads(radar_fit.format_preset(kind)).get("impairments", [])}
 
 
 LARGEST_SD = {
@@ -137,8 +128,8 @@ def test_correlated_noise_counts_as_fewer_independent_bins_and_goes_into_the_rad
     assert smooth.independent_bins == pytest.approx(RANGE_M.size / (1 + 2 * (4 / 9 + 1 / 36)), rel=0.03)
     counter = COUNTER.model_copy(update={"threshold_step_v": None})  # its own correlation is that of its filter
     for correlated, rho in ((True, [2 / 3, 1 / 6]), (False, [])):
-        kind = fit_sensor(recording(room(1, correlated=correlated)[0], counter))
-        table = tomllib.loads(format_preset(kind))
+        kind = radar_fit.fit_sensor(recording(room(1, correlated=correlated)[0], counter))
+        table = tomllib.loads(radar_fit.format_preset(kind))
         assert table["noise_correlation"] == pytest.approx(rho, abs=0.02)
 
 
@@ -149,7 +140,7 @@ def test_noise_does_not_see_static_echoes_however_strong() -> None:
 
 
 def test_flat_and_sloping_noise_are_told_apart() -> None:
-    flat, sloping = (fit_sensor(recording(room(4, slope_db_per_m=slope)[0])) for slope in (0.0, 1.0))
+    flat, sloping = (radar_fit.fit_sensor(recording(room(4, slope_db_per_m=slope)[0])) for slope in (0.0, 1.0))
     assert flat.range_db == ()
     range_m, change_db = np.array(sloping.range_db).T
     assert np.polyfit(range_m, change_db, 1)[0] == pytest.approx(1.0, abs=0.1)
@@ -162,7 +153,7 @@ def test_the_noise_figure_reproduces_the_noise(radar: Radar, figure_db: float) -
     averages = math.floor(0.95 * 15.1875e6 / (PRF_HZ * 152))
     averaged_v2 = 2 * 50 * 4.004e-21 * 10**0.9 * 1.4e9 * 10**1.0 / averages  # B of a Gaussian pulse at -10 dB
     level = 10 * math.log10(averaged_v2 if radar is RADAR else noise_power_v2(COUNTER) * 10**0.3)
-    kind = fit_sensor(recording(room(5, noise_db=level)[0], radar))
+    kind = radar_fit.fit_sensor(recording(room(5, noise_db=level)[0], radar))
     figure, noise = (kind.pooled[name].mean for name in ("noise_figure_db", "noise_level_db"))
     assert figure.value == pytest.approx(figure_db, abs=4 * figure.sd)
     assert figure.sd == pytest.approx((1.0 if radar is RADAR else 2.0) * noise.sd)
@@ -172,7 +163,7 @@ def test_the_noise_figure_reproduces_the_noise(radar: Radar, figure_db: float) -
 
 
 def test_implausible_noise_figure_changes_the_gain_instead() -> None:
-    kind = fit_sensor(recording(room(5, noise_db=-70.0, clutter_db=35.0)[0]))
+    kind = radar_fit.fit_sensor(recording(room(5, noise_db=-70.0, clutter_db=35.0)[0]))
     assert kind.radar.noise_figure_db == pytest.approx(RADAR.noise_figure_db)
     excess_db = -70.0 - 10 * math.log10(noise_power_v2(RADAR))
     assert kind.radar.receiver_gain_db == pytest.approx(RADAR.receiver_gain_db + excess_db, abs=0.3)
@@ -331,7 +322,7 @@ def test_faults_are_named_and_spoil_no_estimate(name: str) -> None:
     seed, change, (moving, hit, dropped), keys = FAULTS[name]
     samples, _ = room(seed)
     change(samples)
-    kind = fit_sensor(recording(samples, RADAR.model_copy(update={"volts_per_unit": 0.1})))
+    kind = radar_fit.fit_sensor(recording(samples, RADAR.model_copy(update={"volts_per_unit": 0.1})))
     (measured,) = kind.recordings
     for quantity, truth in TRUTHS.items():
         estimate = measured.estimates[quantity]
@@ -357,7 +348,7 @@ def test_a_kind_has_the_interference_of_half_its_recordings(struck: int, is_shar
     several = [room(seed)[0] for seed in range(3)]
     for samples in several[:struck]:
         strike(samples)
-    kind = fit_sensor([recording(samples) for samples in several])
+    kind = radar_fit.fit_sensor([recording(samples) for samples in several])
     assert ("interference" in read_kinds(kind)) == is_shared
     assert kind.pooled["burst_rate_hz"].count == 3
 
@@ -377,7 +368,7 @@ def test_the_share_of_dropped_frames_lies_within_its_uncertainty(length: float) 
         samples = 1e-5 * normal(rng, 400, 8)
         spec = make_impairment({"kind": "dropped_frames", "probability": 0.05, "mean_length": length})
         samples = apply_impairments(samples, [spec], radar=X4_8, rng=rng).matrix
-        kind = fit_sensor(recording(samples, X4_8))
+        kind = radar_fit.fit_sensor(recording(samples, X4_8))
         share = kind.pooled["drop_probability"].mean
         scores.append((share.value - 0.05) / share.sd)
     assert abs(np.mean(scores)) < 0.5
@@ -395,7 +386,9 @@ def test_direct_path_and_constant() -> None:
     assert abs(fit.leakage.constant_v.value - 4e-3) < 4 * fit.leakage.constant_v.sd
     assert fit.leakage.constant_v.sd < 4e-4
     constant = measured.estimates["dc_level_db"].value
-    assert read_kinds(fit_sensor(recording(samples)))["dc_leak"]["level_db"] == pytest.approx(constant, abs=0.01)
+    assert read_kinds(radar_fit.fit_sensor(recording(samples)))["dc_leak"]["level_db"] == pytest.approx(
+        constant, abs=0.01
+    )
 
 
 def test_without_static_echoes_phase_is_not_claimed() -> None:
@@ -408,12 +401,12 @@ def test_without_static_echoes_phase_is_not_claimed() -> None:
     assert "too weak" in measured.refused["phase noise"]
     noise = measured.estimates["noise_level_db"]
     assert abs(noise.value - NOISE_DB) < 4 * noise.sd
-    assert list(read_kinds(fit_sensor(recording(samples)))) == ["static_clutter"]
+    assert list(read_kinds(radar_fit.fit_sensor(recording(samples)))) == ["static_clutter"]
 
 
 def refuse(samples: np.ndarray, message: str) -> None:
     with pytest.raises(AnalysisError, match=message):
-        fit_sensor(recording(samples))
+        radar_fit.fit_sensor(recording(samples))
 
 
 def test_recordings_that_cannot_be_fitted_are_refused() -> None:
@@ -423,7 +416,7 @@ def test_recordings_that_cannot_be_fitted_are_refused() -> None:
     refuse(np.where(np.arange(64)[:, None] == 5, np.nan, good), "not finite")
     refuse(np.repeat(good[:1], 64, axis=0), "only 1 of 64 frames")
     in_bursts = recording(good).with_baseband(recording(good).baseband.assign_attrs(burst_pulses=16))
-    assert "comes in bursts" in fit_sensor(in_bursts).refused["frame drops"]  # pauses are no lost frames
+    assert "comes in bursts" in radar_fit.fit_sensor(in_bursts).refused["frame drops"]  # pauses are no lost frames
 
 
 def test_preset_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Path) -> None:
@@ -431,7 +424,7 @@ def test_preset_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Pat
     samples[100] = samples[99]
     first, fit = measure(samples)
     path = tmp_path / "my-x4.toml"
-    path.write_text(format_preset(fit_sensor(recording(samples))), encoding="utf-8")
+    path.write_text(radar_fit.format_preset(radar_fit.fit_sensor(recording(samples))), encoding="utf-8")
     preset = Radar.preset(str(path))
     assert preset.n_range_bins == RANGE_M.size
     assert preset.prf_hz == PRF_HZ
@@ -458,13 +451,13 @@ def test_source_names_cannot_break_the_file() -> None:
     named = Recording(
         named.samples, named.radar, named.slow_time_s, named.range_m, source='a"b\x07\n[radar]\nprf_hz = 1'
     )
-    assert "radar" not in tomllib.loads(format_preset(fit_sensor(named)))
+    assert "radar" not in tomllib.loads(radar_fit.format_preset(radar_fit.fit_sensor(named)))
 
 
 def test_every_fact_is_a_row_of_json_and_sets_its_key() -> None:
     """Facts of one recording have no spread; levels are also re one unit of the file."""
-    kind = fit_sensor(recording(room(21)[0], RADAR.model_copy(update={"volts_per_unit": 0.1})))
-    values = describe_sensor(kind)
+    kind = radar_fit.fit_sensor(recording(room(21)[0], RADAR.model_copy(update={"volts_per_unit": 0.1})))
+    values = radar_fit.describe_sensor(kind)
     rows = {row["name"]: row for row in json.loads(json.dumps(values))["quantities"]}
     assert set(kind.pooled) | {f"clutter_at_{r:.2f}_m" for r, _ in kind.clutter} == set(rows)
     assert all(row["spread"] is None and row["recordings"] == 1 for row in rows.values())
@@ -483,9 +476,9 @@ def test_every_fact_is_a_row_of_json_and_sets_its_key() -> None:
 
 
 def test_estimates_convert_with_their_uncertainty() -> None:
-    assert Estimate(100.0, 1.0).to_db(10.0).value == pytest.approx(20.0)
-    assert Estimate(100.0, 1.0).to_db(10.0).sd == pytest.approx(10 * math.log10(1.01), rel=0.01)
-    assert Estimate(0.0, 1.0).to_db(10.0).value == -math.inf
+    assert radar_fit.Estimate(100.0, 1.0).to_db(10.0).value == pytest.approx(20.0)
+    assert radar_fit.Estimate(100.0, 1.0).to_db(10.0).sd == pytest.approx(10 * math.log10(1.01), rel=0.01)
+    assert radar_fit.Estimate(0.0, 1.0).to_db(10.0).value == -math.inf
     assert room_fit.take_root(4.0, 0.1).value == pytest.approx(2.0)
     assert room_fit.take_root(4.0, 0.1).sd == pytest.approx(0.1 / 4, rel=0.02)
     assert room_fit.take_root(-1.0, 0.04).value == 0.0
@@ -531,13 +524,14 @@ def test_means_and_spreads_are_within_their_uncertainty() -> None:
     scores, ratios, covered, empty = [], [], 0, 0
     for _ in range(300):
         sd = rng.uniform(0.2, 1.0, size=12)
-        found = pool(
-            Estimate(x, s) for x, s in zip(3 + 0.5 * rng.normal(size=12) + sd * rng.normal(size=12), sd, strict=True)
+        found = radar_fit.pool(
+            radar_fit.Estimate(x, s)
+            for x, s in zip(3 + 0.5 * rng.normal(size=12) + sd * rng.normal(size=12), sd, strict=True)
         )
         scores.append((found.mean.value - 3) / found.mean.sd)
         ratios.append(found.spread / 0.5)
         covered += found.low <= 0.5 <= found.high
-        same = pool(Estimate(3 + s * rng.normal(), s) for s in sd)
+        same = radar_fit.pool(radar_fit.Estimate(3 + s * rng.normal(), s) for s in sd)
         empty += same.spread_is_known
     assert abs(np.mean(scores)) < 0.2
     assert 0.9 < np.sqrt(np.mean(np.square(scores))) < 1.25
@@ -547,13 +541,13 @@ def test_means_and_spreads_are_within_their_uncertainty() -> None:
 
 
 def test_two_recordings_have_no_spread_and_none_is_refused() -> None:
-    found = pool([Estimate(1.0, 0.1), Estimate(2.0, 0.1)])
+    found = radar_fit.pool([radar_fit.Estimate(1.0, 0.1), radar_fit.Estimate(2.0, 0.1)])
     assert math.isnan(found.spread)
     assert not found.spread_is_known
     assert found.mean.value == 1.5
     assert found.mean.sd > 0.3  # they disagree by more than they should
     with pytest.raises(AnalysisError, match="nothing to pool"):
-        pool([Estimate(math.nan, 1.0)])
+        radar_fit.pool([radar_fit.Estimate(math.nan, 1.0)])
 
 
 def test_noise_of_one_bin_under_a_target_and_its_image() -> None:
@@ -561,7 +555,7 @@ def test_noise_of_one_bin_under_a_target_and_its_image() -> None:
     for seed in range(12):
         rng = np.random.default_rng(seed)
         clean = echo_of(rng, 6400, -40.0, 40.0)[:, None] + 10 ** (-70 / 20) * normal(rng, 6400, 1)
-        found = measure_recording(recording(channels(clean, 1.5, 8.0), CW)).estimates
+        found = radar_fit.measure_recording(recording(channels(clean, 1.5, 8.0), CW)).estimates
         level_db = -70 + 10 * math.log10((1 + 10**0.15) / 2)
         truths = {"noise_level_db": level_db, "iq_gain_db": 1.5, "iq_phase_deg": 8.0, "noise_iq_gain_db": 1.5}
         scores.append([(found[name].value - truth) / found[name].sd for name, truth in truths.items()])
@@ -576,7 +570,7 @@ def test_a_trembling_wall_has_no_image() -> None:
     """Side lines of a small phase modulation are alike on both sides, which an image would be, too."""
     rng = np.random.default_rng(1)
     wall = 0.1 * np.exp(0.3j * np.sin(2 * np.pi * 40 * np.arange(6400) / RATE_HZ))
-    found = measure_recording(recording(wall[:, None] + 1e-4 * normal(rng, 6400, 1), CW))
+    found = radar_fit.measure_recording(recording(wall[:, None] + 1e-4 * normal(rng, 6400, 1), CW))
     assert "iq_gain_db" not in found.estimates
     assert "one direction" in found.refused["I/Q image"]
 
@@ -592,7 +586,7 @@ def hum(seed: int, level_db: float = -100.0) -> Recording:
 
 
 def test_a_line_is_found_in_all_bins_and_a_target_is_none() -> None:
-    (line,) = measure_recording(hum(2)).lines
+    (line,) = radar_fit.measure_recording(hum(2)).lines
     assert line.frequency_hz == pytest.approx(100.0, abs=line.half_width_hz)
     assert line.level_db.value == pytest.approx(-100.0, abs=1.0)
     assert find_mains_harmonic(line.frequency_hz, RATE_HZ, 1.0) == "2 x 50 Hz"
@@ -603,11 +597,11 @@ def test_a_line_is_found_in_all_bins_and_a_target_is_none() -> None:
 def test_lines_of_half_the_recordings_are_spurs() -> None:
     """A line of one recording may be a body at a steady speed."""
     quiet, first, second = hum(3, -200.0), hum(4), hum(5, -97.0)
-    spur = read_kinds(fit_sensor([quiet, first, second]))["spur"]
+    spur = read_kinds(radar_fit.fit_sensor([quiet, first, second]))["spur"]
     assert spur["frequency_hz"] == pytest.approx(100.0, abs=0.5)
     assert -100.0 < spur["level_db"] < -97.0
     for others in ([quiet], [], [quiet, hum(6, -200.0)]):
-        assert "spur" not in read_kinds(fit_sensor([*others, first]))
+        assert "spur" not in read_kinds(radar_fit.fit_sensor([*others, first]))
 
 
 @pytest.mark.release
@@ -619,7 +613,7 @@ def test_noise_over_doppler_range_and_between_bins() -> None:
     floor = make_impairment({"kind": "coloured_noise", "levels": [[0, -80], [50, -90], [100, -120]]})
     slope = make_impairment({"kind": "coloured_noise", "levels": [[0, -100]], "range_db": [[0, -20], [9.6, 6]]})
     shaped = [apply_impairments(white, [one], radar=wide, rng=rng).matrix for one in (floor, slope)]
-    flat, coloured, sloping = (fit_sensor([recording(x, wide)]) for x in (white, *shaped))
+    flat, coloured, sloping = (radar_fit.fit_sensor([recording(x, wide)]) for x in (white, *shaped))
     assert flat.correlation == pytest.approx([0.4], abs=0.02)
     assert not flat.range_db
     assert max(abs(e.value) for _, e in flat.doppler) < 1.0
@@ -629,11 +623,11 @@ def test_noise_over_doppler_range_and_between_bins() -> None:
     assert abs(by_doppler[150]) < 0.5
     first, *_, last = (level for _, level in sloping.range_db)
     assert last - first == pytest.approx(10 * math.log10((1 + 10**0.52) / 1.011), abs=0.7)
-    assert 'kind = "coloured_noise"' in format_preset(coloured)
+    assert 'kind = "coloured_noise"' in radar_fit.format_preset(coloured)
     assert "noise over Doppler" not in coloured.refused
     bodies = np.stack([echo_of(rng, 3200, -60.0, 25.0) for _ in range(wide.n_range_bins)], axis=1)
-    kind = fit_sensor([recording(shaped[0] + bodies, wide)])
-    entries = {entry["kind"]: entry for entry in tomllib.loads(format_preset(kind))["impairments"]}
+    kind = radar_fit.fit_sensor([recording(shaped[0] + bodies, wide)])
+    entries = {entry["kind"]: entry for entry in tomllib.loads(radar_fit.format_preset(kind))["impairments"]}
     levels = entries["coloured_noise"]["levels"]
     knots_hz, levels_db = np.array(levels).T
     white_db = kind.pooled["noise_level_db"].mean.value
@@ -669,7 +663,7 @@ def several(count: int, *, noise_apart: bool = False) -> list[Recording]:
 
 def test_the_preset_has_the_spreads_and_loads(tmp_path: Path) -> None:
     path = tmp_path / "my.toml"
-    path.write_text(format_preset(fit_sensor(several(10))), encoding="utf-8")
+    path.write_text(radar_fit.format_preset(radar_fit.fit_sensor(several(10))), encoding="utf-8")
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     kinds = {entry["kind"]: entry for entry in table["impairments"]}
     assert list(kinds) == ["iq_imbalance", "dc_leak"]
@@ -690,7 +684,7 @@ def test_the_preset_has_the_spreads_and_loads(tmp_path: Path) -> None:
 def test_noise_that_arises_behind_the_mixer_comes_after_it(tmp_path: Path) -> None:
     """Fitted again to what the model makes, echoes and noise have the channels that they had."""
     path = tmp_path / "my.toml"
-    path.write_text(format_preset(fit_sensor(several(8, noise_apart=True))), encoding="utf-8")
+    path.write_text(radar_fit.format_preset(radar_fit.fit_sensor(several(8, noise_apart=True))), encoding="utf-8")
     run = parse_run({"duration_s": 1.0, "radar": str(path)})
     text = path.read_text(encoding="utf-8")
     assert "the thermal_noise below replaces the noise of the radar" in text
@@ -701,13 +695,13 @@ def test_noise_that_arises_behind_the_mixer_comes_after_it(tmp_path: Path) -> No
     again = apply_impairments(
         echo_of(rng, 6400, -40.0, 40.0)[:, None], run.impairments, radar=run.radar, rng=rng
     ).matrix
-    found = measure_recording(recording(again, CW)).estimates
+    found = radar_fit.measure_recording(recording(again, CW)).estimates
     assert found["iq_phase_deg"].value == pytest.approx(10.0, abs=4 * found["iq_phase_deg"].sd + 1)
     assert abs(found["noise_iq_gain_db"].value) < 4 * found["noise_iq_gain_db"].sd + 0.2
 
 
 def test_the_range_of_people_sets_the_gain() -> None:
-    kind = fit_sensor(several(4), people_at_m=3.0)
+    kind = radar_fit.fit_sensor(several(4), people_at_m=3.0)
     level_db = 20 * math.log10(float(echo_amplitude_v(kind.radar, range_m=3.0, rcs_m2=0.8)))
     assert level_db == pytest.approx(-40.0, abs=1.0)
 
@@ -724,12 +718,12 @@ def test_the_scale_of_the_values_changes_no_snr(step_v: float | None, scale: flo
         rooms.append(100 * level_v * normal(rng, bins) + level_v * normal(rng, 800, bins))
     several = [recording(scale * x, radar, source=f"{n}.h5") for n, x in enumerate(rooms)]
     snr_db = list_derived_quantities(radar)["snr_1m2_5m_db"]
-    for found in (fit_sensor(several[0]).radar, fit_sensor(several).radar):
+    for found in (radar_fit.fit_sensor(several[0]).radar, radar_fit.fit_sensor(several).radar):
         derived = list_derived_quantities(found)
         assert derived["snr_1m2_5m_db"] == pytest.approx(snr_db, abs=0.3)
         assert derived["noise_level_dbv"] == pytest.approx(20 * math.log10(scale * level_v), abs=0.3)
     with pytest.raises(ConfigError, match=r"receiver_gain_db: .* is not allowed"):
-        fit_sensor([recording(1e8 * x, radar) for x in rooms])
+        radar_fit.fit_sensor([recording(1e8 * x, radar) for x in rooms])
 
 
 @pytest.mark.parametrize("own", ["gain", "figure"])
@@ -745,7 +739,7 @@ def test_a_spread_of_gain_is_none_of_the_noise_figure(own: str) -> None:
         noise = level_v * normal(rng, 800, wide.n_range_bins)
         samples = changes * (static + noise) if own == "gain" else static + changes * noise
         found.append(recording(samples, wide, source=f"{seed}.h5"))
-    pooled = fit_sensor(found).pooled
+    pooled = radar_fit.fit_sensor(found).pooled
     figure = pooled["noise_figure_db"]
     if own == "gain":
         assert pooled["gain_db"].spread > 1.5
@@ -761,7 +755,7 @@ def test_recordings_that_do_not_fit_the_others_are_left_out_with_a_line() -> Non
     other, slow = CW.model_copy(update={"carrier_hz": 77e9}), CW.model_copy(update={"prf_hz": CW.prf_hz / 10})
     short = recording(normal(rng, 16, 1), CW, source="short.h5")
     odd = [recording(normal(rng, 900, 1), radar) for radar in (other, slow)]
-    kind = fit_sensor([*several(2), short, *odd])
+    kind = radar_fit.fit_sensor([*several(2), short, *odd])
     assert len(kind.recordings) == 2
     for why in (
         "short.h5: 16 pulses",
@@ -770,7 +764,7 @@ def test_recordings_that_do_not_fit_the_others_are_left_out_with_a_line() -> Non
     ):
         assert any(why in line for line in kind.left_out)
     with pytest.raises(AnalysisError, match="no recording can be used"):
-        fit_sensor([short])
+        radar_fit.fit_sensor([short])
 
 
 def test_a_folder_on_the_command_line(tmp_path: Path) -> None:

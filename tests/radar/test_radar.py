@@ -7,20 +7,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import doppelgait as dg
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.radar import (
-    Radar,
-    Recording,
-    echo_amplitude_v,
-    lowest_prf_hz,
-    read_recording,
-    received_power_w,
-    write_recording,
-)
 from doppelgait.scene import Scene, Target
 from doppelgait_conformance.radars import make_table
 
@@ -37,7 +29,7 @@ C_MPS = 299_792_458.0
     ],
 )
 def test_pulse_numbers_e11(change, sigma_ns, b3_ghz, b10_ghz, resolution_cm):
-    radar = Radar.preset("x4", **change)
+    radar = dg.radar.Radar.preset("x4", **change)
     assert radar.sigma_s == pytest.approx(sigma_ns * 1e-9, rel=5e-4)
     assert radar.pulse_bandwidth_hz(3) == pytest.approx(b3_ghz * 1e9, rel=1e-3)
     assert radar.pulse_bandwidth_hz(10) == pytest.approx(b10_ghz * 1e9, rel=1e-3)
@@ -85,32 +77,32 @@ def test_pulse_numbers_e11(change, sigma_ns, b3_ghz, b10_ghz, resolution_cm):
 )
 def test_radars_that_cannot_be(preset, changes, message):
     with pytest.raises(ConfigError, match=message):
-        Radar.preset(preset, **changes)
+        dg.radar.Radar.preset(preset, **changes)
 
 
 def test_range_axis_e15():
-    raw = Radar.preset("x4", decimation=1)
+    raw = dg.radar.Radar.preset("x4", decimation=1)
     assert raw.bin_spacing_m == pytest.approx(6.42559e-3, rel=1e-6)
-    x4 = Radar.preset("x4")
+    x4 = dg.radar.Radar.preset("x4")
     assert x4.bin_spacing_m == pytest.approx(51.4047e-3, rel=1e-6)
     assert x4.range_axis_m()[0] == 0.0
     np.testing.assert_allclose(np.diff(x4.range_axis_m()), x4.bin_spacing_m, rtol=1e-12)
     assert x4.n_range_bins == 188
     # the report's 7.75 m at 23 GS/s: N = ceil(7.75 / 6.517 mm)
-    report = Radar.preset("x4", decimation=1, sample_rate_hz=23e9, range_start_m=0.0, range_stop_m=7.75)
+    report = dg.radar.Radar.preset("x4", decimation=1, sample_rate_hz=23e9, range_start_m=0.0, range_stop_m=7.75)
     assert report.n_range_bins == 1190
 
 
 def test_unambiguous_velocity_and_averages_of_the_presets_e06_e18():
-    assert Radar.preset("x4", prf_hz=300).unambiguous_velocity_mps == pytest.approx(3.084, abs=5e-4)
-    assert Radar.preset("x4").averages_per_frame == 94  # floor(15.1875e6 * 0.95 / (1000 * 152))
-    assert Radar.preset("x4", prf_hz=624).averages_per_frame == 152
-    assert Radar.preset("x4", prf_hz=624, integration_share=0).averages_per_frame == 160  # no pause
+    assert dg.radar.Radar.preset("x4", prf_hz=300).unambiguous_velocity_mps == pytest.approx(3.084, abs=5e-4)
+    assert dg.radar.Radar.preset("x4").averages_per_frame == 94  # floor(15.1875e6 * 0.95 / (1000 * 152))
+    assert dg.radar.Radar.preset("x4", prf_hz=624).averages_per_frame == 152
+    assert dg.radar.Radar.preset("x4", prf_hz=624, integration_share=0).averages_per_frame == 160  # no pause
 
 
 def test_radar_equation_is_guarded_near_the_antenna_e14():
-    radar = Radar.preset("x4")
-    near = received_power_w(radar, range_m=[0.0, 0.1, 0.2], rcs_m2=1.0)
+    radar = dg.radar.Radar.preset("x4")
+    near = dg.radar.received_power_w(radar, range_m=[0.0, 0.1, 0.2], rcs_m2=1.0)
     assert near[0] == near[1] == near[2]
     assert np.isfinite(near).all()
 
@@ -121,17 +113,17 @@ def test_aliasing_and_lost_targets_are_warned_of_with_their_numbers():
         np.stack([5.0 * t, 0 * t, 1 + 0 * t], axis=-1)[:, None], rate_hz=100, markers=["a"], parts=["torso"]
     )
     with pytest.warns(DoppelgaitWarning, match=r"aliasing: .*5\.00 m/s.*prf_hz = 300.*3\.08 m/s.*550 or more"):
-        simulate(Scene([Target(fast)], duration_s=1.0), Radar.preset("x4", prf_hz=300))
+        simulate(Scene([Target(fast)], duration_s=1.0), dg.radar.Radar.preset("x4", prf_hz=300))
     # a recording that jumps needs a correction, not a higher rate; warnings are errors here
-    simulate(Scene([Target(fast.with_report(has_jumps=True))], duration_s=1.0), Radar.preset("x4", prf_hz=300))
+    simulate(Scene([Target(fast.with_report(has_jumps=True))], duration_s=1.0), dg.radar.Radar.preset("x4", prf_hz=300))
     with pytest.warns(DoppelgaitWarning, match=r"folding: .* 22\.50 m away.* 9\.87 m; .* appears at 2\.76 m"):
-        simulate(Scene([Target(fast, range_m=20.0)], duration_s=1.0), Radar.preset("x4"))
+        simulate(Scene([Target(fast, range_m=20.0)], duration_s=1.0), dg.radar.Radar.preset("x4"))
 
 
 def test_lowest_frame_rate_without_aliasing_e06():
     table = make_table([[5.0, 6.0]], radial_velocity=[[2.0, -5.0]])
     # 2 (5 m/s * 48.634 + 3 / 0.1 s) = 546.3 Hz
-    assert lowest_prf_hz(table, Radar.preset("x4"), 0.1) == 547
+    assert dg.radar.lowest_prf_hz(table, dg.radar.Radar.preset("x4"), 0.1) == 547
 
 
 @pytest.fixture(scope="module")
@@ -140,19 +132,19 @@ def recording():
         Target(boulic_walk(speed_mps=v, height_m=1.8, duration_s=1.0), label=label, bearing_deg=b)
         for v, label, b in ((1.2, "human", 0.0), (0.8, "", 20.0))
     ]
-    made = simulate(Scene(walkers), Radar.preset("x4"), rng=Streams(4), snr_db=20.0)
+    made = simulate(Scene(walkers), dg.radar.Radar.preset("x4"), rng=Streams(4), snr_db=20.0)
     return replace(made, seed=4)
 
 
 @pytest.fixture(scope="module")
 def walk_file(recording, tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "walk.h5"
-    write_recording(recording, path)
+    dg.radar.write_recording(recording, path)
     return path
 
 
 def test_round_trip_is_exact(recording, walk_file):
-    again = read_recording(walk_file)
+    again = dg.radar.read_recording(walk_file)
     xr.testing.assert_identical(again.baseband, recording.baseband)
     assert again.radar == recording.radar
     assert (again.noise_power_v2, again.snr_frame_db) == (recording.noise_power_v2, recording.snr_frame_db)
@@ -175,8 +167,8 @@ def test_round_trip_is_exact(recording, walk_file):
 
 def test_round_trip_of_a_measured_recording_without_truth_seed_or_noise_level(recording, tmp_path):
     path = tmp_path / "measured.h5"
-    write_recording(Recording.from_baseband(recording.baseband, recording.radar), path)
-    again = read_recording(path)
+    dg.radar.write_recording(dg.radar.Recording.from_baseband(recording.baseband, recording.radar), path)
+    again = dg.radar.read_recording(path)
     assert again.truth == ()
     assert again.seed is None
     assert np.isnan(again.noise_power_v2)
@@ -195,7 +187,7 @@ def test_no_time_of_writing_is_stored(walk_file):
 def test_noise_without_a_generator_is_refused():
     walker = Target(boulic_walk(speed_mps=1.0, duration_s=0.5))
     with pytest.raises(ConfigError, match="snr_db = 20"):
-        simulate(Scene([walker]), Radar.preset("x4"), snr_db=20.0)
+        simulate(Scene([walker]), dg.radar.Radar.preset("x4"), snr_db=20.0)
 
 
 @pytest.mark.parametrize(
@@ -203,9 +195,9 @@ def test_noise_without_a_generator_is_refused():
 )
 @pytest.mark.parametrize("range_m", [5.0, np.array([1.0, 2.0, 0.05]), np.linspace(1, 9, 15).reshape(5, 3)])
 def test_echo_amplitude_broadcasts_like_its_definition_e14(rcs, range_m):
-    radar = Radar.preset("x4")
-    found = echo_amplitude_v(radar, range_m=range_m, rcs_m2=rcs, path_gain=0.25)
-    power_w = received_power_w(radar, range_m=range_m, rcs_m2=np.asarray(rcs) * 0.25)
+    radar = dg.radar.Radar.preset("x4")
+    found = dg.radar.echo_amplitude_v(radar, range_m=range_m, rcs_m2=rcs, path_gain=0.25)
+    power_w = dg.radar.received_power_w(radar, range_m=range_m, rcs_m2=np.asarray(rcs) * 0.25)
     expected = np.sqrt(2 * 50.0 * power_w) * 10 ** (radar.receiver_gain_db / 20)
     assert np.shape(found) == np.shape(expected)
     np.testing.assert_allclose(found, expected, rtol=1e-14)

@@ -19,16 +19,7 @@ import pytest
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.radar import Radar, Recording, open_stream, read_recording, write_arrays, write_recording
-from doppelgait.radar.frames import (
-    END_RECORD,
-    FrameParser,
-    Header,
-    encode_frame,
-    encode_header,
-    encode_record,
-    make_recording_header,
-    write_frames,
-)
+from doppelgait.radar import frames as dgf
 from doppelgait.radar.simulate import label_baseband
 from doppelgait.radar.streams import Stream
 from doppelgait.radar.xethru.writer import write_xethru_recording
@@ -48,11 +39,11 @@ def make_recording(n_frames: int = N_FRAMES, **changes: object) -> Recording:
 
 RECORDING = make_recording()
 ROWS = RECORDING.samples.matrix
-OPENING = encode_header(make_recording_header(RECORDING))
+OPENING = dgf.encode_header(dgf.make_recording_header(RECORDING))
 
 
 def frames(first: int = 0, stop: int = N_FRAMES, *, clock_s: float = 0.0) -> bytes:
-    return b"".join(encode_frame(i, clock_s + i / PRF_HZ, ROWS[i]) for i in range(first, stop))
+    return b"".join(dgf.encode_frame(i, clock_s + i / PRF_HZ, ROWS[i]) for i in range(first, stop))
 
 
 def take(stream: Stream, *, closes: bool = True) -> tuple[np.ndarray, np.ndarray, list[str]]:
@@ -68,7 +59,7 @@ def take(stream: Stream, *, closes: bool = True) -> tuple[np.ndarray, np.ndarray
 def play(folder: Path, *records: bytes) -> tuple[Stream, np.ndarray, np.ndarray, list[str]]:
     """Stream a file of these records, and take everything of it."""
     path = folder / "walk.dgf"
-    path.write_bytes(OPENING + b"".join(records) + END_RECORD)
+    path.write_bytes(OPENING + b"".join(records) + dgf.END_RECORD)
     stream = open_stream(path, timeout_s=0)
     return stream, *take(stream)
 
@@ -100,7 +91,7 @@ def assert_whole(times_s: np.ndarray, rows: np.ndarray) -> None:
 ])  # fmt: skip
 def test_a_counter_that_does_not_go_on_is_said_and_time_goes_on(tmp_path, counters, kept, text):
     path = tmp_path / "twice.dgf"
-    path.write_bytes(OPENING + b"".join(encode_frame(counter, 0.0, ROWS[counter]) for counter in counters))
+    path.write_bytes(OPENING + b"".join(dgf.encode_frame(counter, 0.0, ROWS[counter]) for counter in counters))
     with pytest.warns(DoppelgaitWarning, match=text):
         back = read_recording(path)
     np.testing.assert_array_equal(back.samples.matrix, ROWS[kept])
@@ -109,15 +100,15 @@ def test_a_counter_that_does_not_go_on_is_said_and_time_goes_on(tmp_path, counte
 
 def test_a_clock_that_is_set_does_not_overrule_the_header(tmp_path):
     clock_s = np.arange(3000) / PRF_HZ + np.where(np.arange(3000) > 500, 0.5, 0.0)
-    _, times_s, _, texts = play(tmp_path, *(encode_frame(n, time_s, ROWS[0]) for n, time_s in enumerate(clock_s)))
+    _, times_s, _, texts = play(tmp_path, *(dgf.encode_frame(n, time_s, ROWS[0]) for n, time_s in enumerate(clock_s)))
     np.testing.assert_allclose(np.diff(times_s), 1 / PRF_HZ, rtol=1e-9)
     assert any("the sender's times are uneven" in text for text in texts)
 
 
 @pytest.mark.parametrize("true_hz", [90.0, 400.0, 502.0, 625.0])
 def test_the_rate_of_the_senders_clock_is_taken_where_the_header_is_wrong(tmp_path, true_hz):
-    content = [encode_frame(n, n / true_hz, ROWS[n % N_FRAMES]) for n in range(2000)]
-    (tmp_path / "slow.dgf").write_bytes(OPENING + b"".join(content) + END_RECORD)
+    content = [dgf.encode_frame(n, n / true_hz, ROWS[n % N_FRAMES]) for n in range(2000)]
+    (tmp_path / "slow.dgf").write_bytes(OPENING + b"".join(content) + dgf.END_RECORD)
     stream = open_stream(tmp_path / "slow.dgf")
     expected_hz = PRF_HZ if true_hz == 502.0 else true_hz  # within 0.5 %
     assert stream.radar.prf_hz == pytest.approx(expected_hz, rel=1e-6)
@@ -133,13 +124,13 @@ def test_the_rate_of_the_senders_clock_is_taken_where_the_header_is_wrong(tmp_pa
 
 def test_a_rate_that_changes_later_is_said(tmp_path):
     clock_s = np.cumsum(np.where(np.arange(12_000) < 3000, 1 / PRF_HZ, 1.02 / PRF_HZ))
-    _, _, _, texts = play(tmp_path, *(encode_frame(n, time_s, ROWS[0]) for n, time_s in enumerate(clock_s)))
+    _, _, _, texts = play(tmp_path, *(dgf.encode_frame(n, time_s, ROWS[0]) for n, time_s in enumerate(clock_s)))
     assert any("the rate is 49" in text for text in texts)
 
 
 def test_a_file_of_frames_is_read_and_streamed_as_written(tmp_path):
     path = tmp_path / "walk.dgf"
-    write_frames(RECORDING, path)
+    dgf.write_frames(RECORDING, path)
     back = read_recording(path)
     np.testing.assert_array_equal(back.samples.matrix, ROWS)
     np.testing.assert_array_equal(back.slow_time_s, RECORDING.slow_time_s)
@@ -173,14 +164,14 @@ def test_the_format_is_the_documented_one():
     payload = struct.pack("<Qd", 5, 0.25) + np.array([1 + 2j, 3 - 4j], "<c8").tobytes()
     checked = struct.pack("<BBHI", 1, 2, 0, len(payload)) + payload
     literal = b"DGfr" + checked + struct.pack("<I", zlib.crc32(checked))
-    assert encode_frame(5, 0.25, np.array([1 + 2j, 3 - 4j])) == literal
-    assert END_RECORD[5] == 3
+    assert dgf.encode_frame(5, 0.25, np.array([1 + 2j, 3 - 4j])) == literal
+    assert dgf.END_RECORD[5] == 3
 
 
 def test_tcp_listens_on_this_machine_and_takes_all_frames():
     stream = open_stream("tcp://:0")
     assert stream.source.startswith("tcp://127.0.0.1:")
-    threading.Thread(target=send_all, args=(stream, OPENING + frames() + END_RECORD)).start()
+    threading.Thread(target=send_all, args=(stream, OPENING + frames() + dgf.END_RECORD)).start()
     assert_whole(*take(stream)[:2])
 
 
@@ -192,7 +183,7 @@ def test_standard_input_takes_all_frames(monkeypatch):
 
         def send() -> None:
             with os.fdopen(write_end, "wb") as pipe:
-                pipe.write(OPENING + frames() + END_RECORD)
+                pipe.write(OPENING + frames() + dgf.END_RECORD)
 
         threading.Thread(target=send).start()
         assert_whole(*take(stream)[:2])
@@ -216,7 +207,7 @@ def grow(path: Path, content: bytes, parts: int = 5) -> threading.Thread:
 
 def test_a_growing_file_of_frames_ends_with_its_end_record(tmp_path):
     path = tmp_path / "walk.dgf"
-    grow(path, OPENING + frames() + END_RECORD)
+    grow(path, OPENING + frames() + dgf.END_RECORD)
     assert_whole(*take(open_stream(path))[:2])
 
 
@@ -311,9 +302,9 @@ def test_damaged_bytes_cost_only_their_frames(tmp_path, seed):
 
 
 def test_frames_of_another_radar_are_refused_with_both_values(tmp_path):
-    other = encode_header(make_recording_header(make_recording(2, carrier_hz=8.748e9)))
+    other = dgf.encode_header(dgf.make_recording_header(make_recording(2, carrier_hz=8.748e9)))
     path = tmp_path / "walk.dgf"
-    path.write_bytes(OPENING + frames(0, 5) + other + frames(5, 10) + END_RECORD)
+    path.write_bytes(OPENING + frames(0, 5) + other + frames(5, 10) + dgf.END_RECORD)
     stream = open_stream(path)
     assert len([next(stream) for _ in range(5)]) == 5
     with pytest.raises(RecordingError, match=r"refused: carrier_hz is 8\.748e\+09, expected is 7\.29e"):
@@ -351,7 +342,7 @@ ORDERS = {  # counters as they come, how many are left out, how many are put bac
 @pytest.mark.parametrize("kind", ORDERS)
 def test_frames_come_in_order_and_once_however_they_are_sent(tmp_path, kind):
     counters, repeated, late = ORDERS[kind]
-    stream, times_s, rows, _ = play(tmp_path, *(encode_frame(n, n / PRF_HZ, ROWS[n]) for n in counters))
+    stream, times_s, rows, _ = play(tmp_path, *(dgf.encode_frame(n, n / PRF_HZ, ROWS[n]) for n in counters))
     assert_whole(times_s, rows)
     counts = stream.counts
     assert (counts.repeated, counts.late, counts.jumps, counts.missing) == (repeated, late, 0, 0)
@@ -368,7 +359,7 @@ CLOCKS = {  # counters and clocks from frame 100 on, the time that goes on there
 @pytest.mark.parametrize("kind", CLOCKS)
 def test_the_senders_clock_is_compared_with_the_counter(tmp_path, kind):
     counter, clock_s, gap_s, missing = CLOCKS[kind]
-    later = (encode_frame(counter + n, clock_s + n / PRF_HZ, ROWS[n]) for n in range(100))
+    later = (dgf.encode_frame(counter + n, clock_s + n / PRF_HZ, ROWS[n]) for n in range(100))
     stream, times_s, _, _ = play(tmp_path, frames(0, 100), *later)
     assert len(times_s) == 200
     assert times_s[100] - times_s[99] == pytest.approx(gap_s)
@@ -379,7 +370,7 @@ def head(kind: int, length: int) -> bytes:
     return b"DGfr" + struct.pack("<BBHI", 1, kind, 0, length)
 
 
-WIDE = encode_header(Header(RECORDING.radar, np.arange(100_000) * 0.05))
+WIDE = dgf.encode_header(dgf.Header(RECORDING.radar, np.arange(100_000) * 0.05))
 DAMAGE = {  # what the stream begins with, and what is repeated
     "heads of headers": (b"", head(1, 65_000)),
     "heads of short headers": (OPENING, head(1, 12) + b"{"),
@@ -404,7 +395,7 @@ def test_the_work_on_damaged_bytes_is_bounded(kind, last, monkeypatch):
 
     opening, damage = DAMAGE[kind]
     content = opening + damage * (2_000_000 // len(damage))
-    parser = FrameParser("test")
+    parser = dgf.FrameParser("test")
     monkeypatch.setattr("doppelgait.radar.frames.zlib", SimpleNamespace(crc32=count))
     for at in range(0, len(content), 60_000):
         list(parser.feed(content[at : at + 60_000], last=last))
@@ -416,7 +407,7 @@ def test_the_work_on_damaged_bytes_is_bounded(kind, last, monkeypatch):
 
 def test_of_a_slow_consumer_the_oldest_frames_are_dropped():
     stream = open_stream("tcp://:0", queue_s=0.1)
-    send_all(stream, OPENING + frames() + END_RECORD)
+    send_all(stream, OPENING + frames() + dgf.END_RECORD)
     while stream.counts.received < N_FRAMES:  # the consumer has not begun yet
         threading.Event().wait(0.01)
     times_s, rows, texts = take(stream)
@@ -426,16 +417,16 @@ def test_of_a_slow_consumer_the_oldest_frames_are_dropped():
     assert sum("too slow" in text for text in texts) == 1
 
 
-OTHER = encode_header(make_recording_header(make_recording(2, prf_hz=250.0)))
+OTHER = dgf.encode_header(dgf.make_recording_header(make_recording(2, prf_hz=250.0)))
 STRANGERS = {  # what a client sends before the sensor comes, and while it sends
     "nothing": b"",
     "garbage": b"GET / HTTP/1.0\r\n\r\n",
     "much garbage": bytes(200_000),
     "a frame without a header": frames(0, 1),
     "a damaged header": OPENING[:-1] + b"x",
-    "a header of nothing": encode_record(1, b"{}"),
+    "a header of nothing": dgf.encode_record(1, b"{}"),
     "another version": b"DGfr\x07" + OPENING[5:],
-    "an end": END_RECORD,
+    "an end": dgf.END_RECORD,
 }
 
 
@@ -460,11 +451,11 @@ def test_strangers_end_nothing_and_the_sensor_comes_back(transport, sent, ends):
                 early.close()
             send(sensor, OPENING, frames(first, first + 60))
             wait_until(lambda stream=stream: stream.waiting)
-            send(late, STRANGERS[sent], OTHER, OPENING + frames(300, 301), END_RECORD)
+            send(late, STRANGERS[sent], OTHER, OPENING + frames(300, 301), dgf.END_RECORD)
             with suppress(ConnectionError):  # by TCP, the receiver closes the connection
                 assert transport == "udp" or late.recv(1) == b""
             wait_until(lambda stream=stream: stream.counts.refused)
-            send(sensor, frames(first + 60, first + 90), END_RECORD)
+            send(sensor, frames(first + 60, first + 90), dgf.END_RECORD)
             _, rows, texts = take(stream, closes=False)
             np.testing.assert_array_equal(rows, ROWS[first : first + 90])
             assert stream.complete
@@ -488,7 +479,7 @@ def test_a_sensor_that_is_silent_gives_its_place_to_one_that_sends(transport):
         assert (len(rows), stream.complete) == (60, False)
         assert any("stopped without an end record after 60 frames" in text for text in texts)
         following = stream.next_run()
-        send(again, END_RECORD)
+        send(again, dgf.END_RECORD)
         np.testing.assert_array_equal(take(following, closes=False)[1][0], ROWS[60])
         join(sending)
         following.next_run().close()
@@ -516,10 +507,10 @@ def test_clients_that_send_nothing_are_dropped_and_counted():
     ],
 )
 def test_a_header_that_is_not_allowed_is_refused(tmp_path, change, message):
-    header = make_recording_header(RECORDING)
+    header = dgf.make_recording_header(RECORDING)
     table = {**header.facts, "range_bins": 20, "radar": header.radar.model_dump(mode="json"), **change}
     path = tmp_path / "walk.dgf"
-    path.write_bytes(encode_record(1, json.dumps(table).encode()))
+    path.write_bytes(dgf.encode_record(1, json.dumps(table).encode()))
     with pytest.raises(RecordingError, match=message):
         _ = open_stream(path, timeout_s=0).radar
 
@@ -527,7 +518,7 @@ def test_a_header_that_is_not_allowed_is_refused(tmp_path, change, message):
 def test_a_header_with_a_preset_needs_no_table(tmp_path):
     table = {"carrier_hz": 7.29e9, "prf_hz": 400.0, "range_start_m": 0.4, "bin_spacing_m": 0.0514, "range_bins": 20}
     path = tmp_path / "walk.dgf"
-    path.write_bytes(encode_record(1, json.dumps({**table, "radar": "x4"}).encode()))
+    path.write_bytes(dgf.encode_record(1, json.dumps({**table, "radar": "x4"}).encode()))
     with open_stream(path, timeout_s=0) as stream:
         assert stream.radar.name == Radar.preset("x4").name
         assert stream.radar.prf_hz == 400.0
@@ -536,13 +527,13 @@ def test_a_header_with_a_preset_needs_no_table(tmp_path):
 
 @pytest.mark.parametrize("length", [5, 20, 100])
 def test_whole_frames_behind_one_that_was_cut_off_are_kept(tmp_path, length):
-    cut = encode_frame(399, 0.0, np.zeros(20))[:length]
+    cut = dgf.encode_frame(399, 0.0, np.zeros(20))[:length]
     stream, _, rows, texts = play(tmp_path, frames(0, 5), cut)
     np.testing.assert_array_equal(rows, ROWS[:5])
     assert stream.counts.malformed == 1
     assert not any("end record" in text for text in texts)
-    wide = encode_header(Header(RECORDING.radar, np.arange(200) * 0.05))  # a frame as long as what follows it
-    long = [encode_frame(i, i / PRF_HZ, np.full(200, i)) for i in range(8)]
+    wide = dgf.encode_header(dgf.Header(RECORDING.radar, np.arange(200) * 0.05))  # a frame as long as what follows it
+    long = [dgf.encode_frame(i, i / PRF_HZ, np.full(200, i)) for i in range(8)]
     path = tmp_path / "walk.dgf"
     path.write_bytes(wide + b"".join(long[:5]) + long[5][:length] + long[6] + long[7])
     with pytest.warns(DoppelgaitWarning):
@@ -573,8 +564,8 @@ def test_a_closed_stream_ends_without_waiting_for_a_sender():
 def test_a_sensor_in_bursts_begins_with_a_whole_one():
     recording = make_recording(64, burst_pulses=16, burst_period_s=0.1)
     rows, stream = recording.samples.matrix, open_stream("udp://:0")
-    late = [encode_frame(i, 3.0 + float(recording.slow_time_s[i]), rows[i]) for i in range(5, 64)]
-    send_all(stream, encode_header(make_recording_header(recording)), *late, END_RECORD)
+    late = [dgf.encode_frame(i, 3.0 + float(recording.slow_time_s[i]), rows[i]) for i in range(5, 64)]
+    send_all(stream, dgf.encode_header(dgf.make_recording_header(recording)), *late, dgf.END_RECORD)
     times_s, found, texts = take(stream)
     np.testing.assert_array_equal(found, rows[16:])
     np.testing.assert_allclose(times_s, 3.0 + recording.radar.frame_time_s(np.arange(16, 64)), rtol=0, atol=1e-12)

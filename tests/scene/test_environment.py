@@ -8,27 +8,16 @@ import pytest
 from doppelgait.core.config import FrozenModel, format_canonical_json, validate
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import SCATTERER_VARIABLES
-from doppelgait.scene.environment import (
-    ENVIRONMENT,
-    Environment,
-    GroundBounce,
-    Setting,
-    Visibility,
-    Wall,
-    WallGhost,
-    apply_environment,
-    make_effect,
-    needs_angles,
-)
+from doppelgait.scene import environment as surroundings
 from echo_table import LAMBDA_M, echo_table
 
-SETTING = Setting(LAMBDA_M, (0.0, 0.0, 1.0))
+SETTING = surroundings.Setting(LAMBDA_M, (0.0, 0.0, 1.0))
 
 
 class Room(FrozenModel):
     """Anything that holds effects."""
 
-    environment: Environment = ()
+    environment: surroundings.Environment = ()
 
 
 TABLES = [
@@ -41,12 +30,17 @@ TABLES = [
 
 def test_a_list_takes_tables_and_models_and_survives_json():
     room = Room(environment=TABLES)
-    assert [type(effect) for effect in room.environment] == [GroundBounce, WallGhost, Wall, Visibility]
+    assert [type(effect) for effect in room.environment] == [
+        surroundings.GroundBounce,
+        surroundings.WallGhost,
+        surroundings.Wall,
+        surroundings.Visibility,
+    ]
     again = Room(environment=room.environment)
     assert again == room
     assert Room.model_validate_json(format_canonical_json(room)) == room
     assert '"thickness_m":0.115' in format_canonical_json(room)
-    assert set(ENVIRONMENT) >= {"wall", "ground_bounce", "wall_ghost", "visibility"}
+    assert set(surroundings.ENVIRONMENT) >= {"wall", "ground_bounce", "wall_ghost", "visibility"}
 
 
 @pytest.mark.parametrize(
@@ -96,16 +90,16 @@ WALL = {"kind": "wall", "material": "brick", "thickness_m": 0.1}
 )
 def test_effects_that_are_refused(table, text):
     with pytest.raises(ConfigError, match=f"environment kind '{table['kind']}'.*{text}"):
-        make_effect(table)
+        surroundings.make_effect(table)
 
 
 def test_effects_act_in_order_and_none_is_the_table_itself():
     table = echo_table([[[4.0, 0.5, 1.0], [2.0, 0.0, 1.5]]], SETTING.radar_position_m)
-    assert apply_environment(table, [], SETTING) is table
-    near = Visibility(gain_db=[(4.0, 0.0), (4.2, -40.0)])
-    delay = Wall(loss_db=0.0, delay_m=0.3)
-    first = apply_environment(table, [near, delay], SETTING)["path_gain"].values[0]
-    last = apply_environment(table, [delay, near], SETTING)["path_gain"].values[0]
+    assert surroundings.apply_environment(table, [], SETTING) is table
+    near = surroundings.Visibility(gain_db=[(4.0, 0.0), (4.2, -40.0)])
+    delay = surroundings.Wall(loss_db=0.0, delay_m=0.3)
+    first = surroundings.apply_environment(table, [near, delay], SETTING)["path_gain"].values[0]
+    last = surroundings.apply_environment(table, [delay, near], SETTING)["path_gain"].values[0]
     delayed = (1 + 0.3 / table["range"].values[0]) ** 4  # delay, but no spreading
     np.testing.assert_allclose(first, delayed * [10 ** (-0.1 * 40 * (np.hypot(4, 0.5) - 4) / 0.2), 1.0])
     np.testing.assert_allclose(last, delayed * [1e-4, 1.0])  # the wall took it beyond the edge
@@ -114,7 +108,7 @@ def test_effects_act_in_order_and_none_is_the_table_itself():
 def test_effects_leave_the_table_that_they_get_alone():
     table = echo_table([[[4.0, 0.5, 1.0], [2.0, 0.0, 1.5]]], SETTING.radar_position_m)
     before = table.copy(deep=True)
-    after = apply_environment(table, Room(environment=TABLES).environment, SETTING)
+    after = surroundings.apply_environment(table, Room(environment=TABLES).environment, SETTING)
     assert before.identical(table)
     assert after.sizes["scatterer"] == 10
     assert all(after[name].attrs["units"] == SCATTERER_VARIABLES[name] for name in after)
@@ -123,9 +117,9 @@ def test_effects_leave_the_table_that_they_get_alone():
 def test_order_is_checked_where_no_model_did():
     table = echo_table([[[4.0, 0.5, 1.0]]], SETTING.radar_position_m)
     with pytest.raises(ConfigError, match="move 'ground_bounce' before 'wall'"):
-        apply_environment(table, [Wall(loss_db=1), GroundBounce()], SETTING)
+        surroundings.apply_environment(table, [surroundings.Wall(loss_db=1), surroundings.GroundBounce()], SETTING)
     with pytest.raises(ConfigError, match="is not an environment effect"):
-        apply_environment(table, [Room()], SETTING)
+        surroundings.apply_environment(table, [Room()], SETTING)
 
 
 class Haze(FrozenModel):
@@ -145,13 +139,15 @@ def test_an_effect_of_a_plugin_that_returns_no_table_is_named(register, returned
     register("environment", parameters=Haze)(lambda table, parameters, setting: returned(table))
     table = echo_table(np.array([[[3.0, 0.0, 1.0]]] * 3), SETTING.radar_position_m)
     with pytest.raises(AnalysisError, match=f"^environment effect 'haze' of tests {text}"):
-        apply_environment(table, [Haze()], SETTING)
+        surroundings.apply_environment(table, [Haze()], SETTING)
 
 
 def test_which_effects_need_angles():
-    assert not needs_angles([])
-    assert not needs_angles([Wall(loss_db=3), Visibility(gain_db=[(0, 0)])])
-    assert needs_angles([Wall(loss_db=3, range_m=2)])
-    assert needs_angles([Wall(material="wood", thickness_m=0.1)])
-    assert needs_angles([Wall(loss_db=3), make_effect({"kind": "ground_bounce"})])
-    assert needs_angles([WallGhost(material="wood", thickness_m=0.1, side_m=1.0)])
+    assert not surroundings.needs_angles([])
+    assert not surroundings.needs_angles([surroundings.Wall(loss_db=3), surroundings.Visibility(gain_db=[(0, 0)])])
+    assert surroundings.needs_angles([surroundings.Wall(loss_db=3, range_m=2)])
+    assert surroundings.needs_angles([surroundings.Wall(material="wood", thickness_m=0.1)])
+    assert surroundings.needs_angles(
+        [surroundings.Wall(loss_db=3), surroundings.make_effect({"kind": "ground_bounce"})]
+    )
+    assert surroundings.needs_angles([surroundings.WallGhost(material="wood", thickness_m=0.1, side_m=1.0)])

@@ -9,36 +9,21 @@ import pytest
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.keys import list_keys
-from doppelgait.motion.models import (
-    MOTION_MODELS,
-    boulic_walk,
-    breathing_person,
-    crawling_person,
-    curtain,
-    fan,
-    generate,
-    human_gait,
-    moving_point,
-    pendulum,
-    quadruped_gait,
-    robot_vacuum,
-    rotor,
-)
 from doppelgait.motion.models.registry import check_table, generate_all
 
 MODELS = {
     # kind: (function, species, gait)
-    "boulic": (boulic_walk, "human", "walk"),
-    "breathing": (breathing_person, "human", "stand"),
-    "crawl": (crawling_person, "human", "crawl"),
-    "curtain": (curtain, "", ""),
-    "fan": (fan, "", ""),
-    "human": (human_gait, "human", "walk"),
-    "pendulum": (pendulum, "", ""),
-    "point": (moving_point, "", ""),
-    "quadruped": (quadruped_gait, "dog", "trot"),
-    "rotor": (rotor, "", ""),
-    "vacuum": (robot_vacuum, "", ""),
+    "boulic": (dg.motion.models.boulic_walk, "human", "walk"),
+    "breathing": (dg.motion.models.breathing_person, "human", "stand"),
+    "crawl": (dg.motion.models.crawling_person, "human", "crawl"),
+    "curtain": (dg.motion.models.curtain, "", ""),
+    "fan": (dg.motion.models.fan, "", ""),
+    "human": (dg.motion.models.human_gait, "human", "walk"),
+    "pendulum": (dg.motion.models.pendulum, "", ""),
+    "point": (dg.motion.models.moving_point, "", ""),
+    "quadruped": (dg.motion.models.quadruped_gait, "dog", "trot"),
+    "rotor": (dg.motion.models.rotor, "", ""),
+    "vacuum": (dg.motion.models.robot_vacuum, "", ""),
 }
 LONG_STEPS = {"gait": "walk", "speed_mps": 2.5, "walk_ratio": 1.4, "step_length_sd": 0.1, "length_asymmetry": 0.4}
 
@@ -58,7 +43,7 @@ def test_a_table_is_checked_again_after_a_change_only():
 @pytest.mark.parametrize("kind", MODELS)
 def test_each_name_alone_gives_a_motion(kind):
     make, species, gait = MODELS[kind]
-    motion = generate(kind, duration_s=2.0)
+    motion = dg.motion.models.generate(kind, duration_s=2.0)
     np.testing.assert_array_equal(motion.position_m, make(duration_s=2.0).position_m)
     facts = motion.facts
     assert (facts.kind, facts.source, facts.species, facts.gait) == (kind, kind, species, gait)
@@ -88,12 +73,12 @@ def test_motions_of_a_batch_are_those_made_alone():
         models, durations_s=durations_s, rngs=[np.random.default_rng(n) for n in range(len(models))]
     )
     for number, (model, duration_s, motion) in enumerate(zip(models, durations_s, together, strict=True)):
-        alone = generate(model, duration_s=duration_s, rng=np.random.default_rng(number))
+        alone = dg.motion.models.generate(model, duration_s=duration_s, rng=np.random.default_rng(number))
         assert alone.position_m.tobytes() == motion.position_m.tobytes(), model
         assert (repr(alone.facts), alone.report) == (repr(motion.facts), motion.report)
         assert alone.time_s.tobytes() == motion.time_s.tobytes()
         varies = {"stride_variation", "pace_sd"} & model.keys()
-        other = generate(model, duration_s=duration_s, rng=np.random.default_rng(number + 1))
+        other = dg.motion.models.generate(model, duration_s=duration_s, rng=np.random.default_rng(number + 1))
         assert (other.position_m.tobytes() == motion.position_m.tobytes()) is not bool(varies)
 
 
@@ -116,8 +101,12 @@ def test_strides_vary_with_the_given_deviation_and_memory(kind, foot, setting, m
 
 
 def test_models_of_walkers_have_their_parameters_and_assumed_facts():
-    walk, dog, person = boulic_walk(), quadruped_gait(), human_gait().facts
-    assert walk.duration_s == dog.duration_s == human_gait().duration_s == 5.0
+    walk, dog, person = (
+        dg.motion.models.boulic_walk(),
+        dg.motion.models.quadruped_gait(),
+        dg.motion.models.human_gait().facts,
+    )
+    assert walk.duration_s == dog.duration_s == dg.motion.models.human_gait().duration_s == 5.0
     assert walk.facts.mass_kg == pytest.approx(23 * 1.75**2)
     assert "assumed" in walk.report["mass_kg"]
     assert (dog.facts.height_m, dog.facts.mass_kg) == (0.5, pytest.approx((0.5 / 0.175) ** 3))
@@ -128,42 +117,50 @@ def test_models_of_walkers_have_their_parameters_and_assumed_facts():
 @pytest.mark.parametrize(
     ("make", "options", "expected"),
     [
-        (boulic_walk, {"speed_mps": 2.7, "height_m": 1.8}, ["2.7", "1.8", "2.65 m/s"]),
-        (boulic_walk, {"speed_mps": 0}, ["speed_mps", "0", "greater than 0"]),
-        (boulic_walk, {"speed_mps": float("nan")}, ["speed_mps", "nan"]),
-        (boulic_walk, {"height_m": 0.3}, ["height_m", "0.3", "0.6"]),
-        (boulic_walk, {"start_phase": 1.0}, ["start_phase", "1.0", "less than 1"]),
-        (boulic_walk, {"form": "chen"}, ["form", "chen", "chen2011"]),
-        (boulic_walk, {"duration_s": float("inf")}, ["duration_s", "inf"]),
-        (human_gait, {"gait": "walk", "speed_mps": 3}, ["speed_mps", "3", "2.58", "walk"]),
-        (human_gait, {"gait": "run", "speed_mps": 1.0}, ["speed_mps", "1.8", "9", "run"]),
-        (human_gait, {"gait": "run", "speed_mps": 3, "foot_lock": False}, ["foot_lock", "run"]),
-        (human_gait, {"body": "child", "height_m": 1.75}, ["height_m", "1.75", "child", "1.6"]),
-        (human_gait, {"left_hand": "waving"}, ["left_hand", "waving", "pockets"]),
-        (human_gait, {"step_time_sd": 0.5}, ["step_time_sd", "0.5", "0.1"]),
-        (human_gait, {"walk_ratio": 9}, ["walk_ratio", "9", "1.4"]),
-        (human_gait, {**LONG_STEPS, "rng": np.random.default_rng(0)}, ["too long", "walk_ratio"]),
-        (quadruped_gait, {"gait": "trot", "withers_m": 0.5, "speed_mps": 5.0}, ["5", "trot", "1.08 to 3.13 m/s"]),
-        (quadruped_gait, {"gait": "gallop", "withers_m": 0.5, "speed_mps": 1.0}, ["1", "gallop", "2.17 to 6.26 m/s"]),
-        (quadruped_gait, {"gait": "hop"}, ["gait", "hop", "transverse_gallop"]),
-        (quadruped_gait, {"withers_m": 1.2}, ["withers_m", "1.2", "0.15 to 0.9"]),
-        (robot_vacuum, {"brush_hz": 20, "rate_hz": 100}, ["rate_hz", "100", "16", "brush_hz"]),
-        (robot_vacuum, {"speed_mps": 5}, ["speed_mps", "5", "1"]),
-        (curtain, {"drop_m": 3}, ["rail_height_m", "2", "3"]),
-        (curtain, {"columns": 0}, ["columns", "0", "1"]),
-        (fan, {"blades": 2}, ["blades", "2", "3"]),
-        (fan, {"rotation_hz": 60, "rate_hz": 500}, ["rate_hz", "500", "rotation_hz"]),
-        (fan, {"hub_height_m": 0.1}, ["hub_height_m", "0.1", "0.2"]),
-        (crawling_person, {"speed_mps": 2}, ["speed_mps", "2", "0.8"]),
-        (crawling_person, {"speed_mps": 0.8, "height_m": 0.9}, ["speed_mps", "0.8", "0.77"]),
-        (crawling_person, {"pace_sd": 0.05}, ["pace_sd", "0.05", "rng"]),
-        (moving_point, {"speed_mps": -1}, ["speed_mps", "-1", "0"]),
-        (pendulum, {"length_m": 2.0}, ["pivot_height_m", "1", "2"]),
-        (pendulum, {"frequency_hz": 0}, ["frequency_hz", "0"]),
-        (rotor, {"radius_m": 1.5}, ["hub_height_m", "1", "1.5"]),
-        (rotor, {"plane": "zz"}, ["plane", "zz", "xz"]),
-        (rotor, {"blades": 0}, ["blades", "0", "1"]),
-        (breathing_person, {"amplitude_m": 1}, ["amplitude_m", "1", "0.05"]),
+        (dg.motion.models.boulic_walk, {"speed_mps": 2.7, "height_m": 1.8}, ["2.7", "1.8", "2.65 m/s"]),
+        (dg.motion.models.boulic_walk, {"speed_mps": 0}, ["speed_mps", "0", "greater than 0"]),
+        (dg.motion.models.boulic_walk, {"speed_mps": float("nan")}, ["speed_mps", "nan"]),
+        (dg.motion.models.boulic_walk, {"height_m": 0.3}, ["height_m", "0.3", "0.6"]),
+        (dg.motion.models.boulic_walk, {"start_phase": 1.0}, ["start_phase", "1.0", "less than 1"]),
+        (dg.motion.models.boulic_walk, {"form": "chen"}, ["form", "chen", "chen2011"]),
+        (dg.motion.models.boulic_walk, {"duration_s": float("inf")}, ["duration_s", "inf"]),
+        (dg.motion.models.human_gait, {"gait": "walk", "speed_mps": 3}, ["speed_mps", "3", "2.58", "walk"]),
+        (dg.motion.models.human_gait, {"gait": "run", "speed_mps": 1.0}, ["speed_mps", "1.8", "9", "run"]),
+        (dg.motion.models.human_gait, {"gait": "run", "speed_mps": 3, "foot_lock": False}, ["foot_lock", "run"]),
+        (dg.motion.models.human_gait, {"body": "child", "height_m": 1.75}, ["height_m", "1.75", "child", "1.6"]),
+        (dg.motion.models.human_gait, {"left_hand": "waving"}, ["left_hand", "waving", "pockets"]),
+        (dg.motion.models.human_gait, {"step_time_sd": 0.5}, ["step_time_sd", "0.5", "0.1"]),
+        (dg.motion.models.human_gait, {"walk_ratio": 9}, ["walk_ratio", "9", "1.4"]),
+        (dg.motion.models.human_gait, {**LONG_STEPS, "rng": np.random.default_rng(0)}, ["too long", "walk_ratio"]),
+        (
+            dg.motion.models.quadruped_gait,
+            {"gait": "trot", "withers_m": 0.5, "speed_mps": 5.0},
+            ["5", "trot", "1.08 to 3.13 m/s"],
+        ),
+        (
+            dg.motion.models.quadruped_gait,
+            {"gait": "gallop", "withers_m": 0.5, "speed_mps": 1.0},
+            ["1", "gallop", "2.17 to 6.26 m/s"],
+        ),
+        (dg.motion.models.quadruped_gait, {"gait": "hop"}, ["gait", "hop", "transverse_gallop"]),
+        (dg.motion.models.quadruped_gait, {"withers_m": 1.2}, ["withers_m", "1.2", "0.15 to 0.9"]),
+        (dg.motion.models.robot_vacuum, {"brush_hz": 20, "rate_hz": 100}, ["rate_hz", "100", "16", "brush_hz"]),
+        (dg.motion.models.robot_vacuum, {"speed_mps": 5}, ["speed_mps", "5", "1"]),
+        (dg.motion.models.curtain, {"drop_m": 3}, ["rail_height_m", "2", "3"]),
+        (dg.motion.models.curtain, {"columns": 0}, ["columns", "0", "1"]),
+        (dg.motion.models.fan, {"blades": 2}, ["blades", "2", "3"]),
+        (dg.motion.models.fan, {"rotation_hz": 60, "rate_hz": 500}, ["rate_hz", "500", "rotation_hz"]),
+        (dg.motion.models.fan, {"hub_height_m": 0.1}, ["hub_height_m", "0.1", "0.2"]),
+        (dg.motion.models.crawling_person, {"speed_mps": 2}, ["speed_mps", "2", "0.8"]),
+        (dg.motion.models.crawling_person, {"speed_mps": 0.8, "height_m": 0.9}, ["speed_mps", "0.8", "0.77"]),
+        (dg.motion.models.crawling_person, {"pace_sd": 0.05}, ["pace_sd", "0.05", "rng"]),
+        (dg.motion.models.moving_point, {"speed_mps": -1}, ["speed_mps", "-1", "0"]),
+        (dg.motion.models.pendulum, {"length_m": 2.0}, ["pivot_height_m", "1", "2"]),
+        (dg.motion.models.pendulum, {"frequency_hz": 0}, ["frequency_hz", "0"]),
+        (dg.motion.models.rotor, {"radius_m": 1.5}, ["hub_height_m", "1", "1.5"]),
+        (dg.motion.models.rotor, {"plane": "zz"}, ["plane", "zz", "xz"]),
+        (dg.motion.models.rotor, {"blades": 0}, ["blades", "0", "1"]),
+        (dg.motion.models.breathing_person, {"amplitude_m": 1}, ["amplitude_m", "1", "0.05"]),
     ],
 )
 def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(make, options, expected):
@@ -175,7 +172,7 @@ def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(make, opti
 
 @pytest.mark.parametrize("kind", MODELS)
 def test_a_function_refuses_and_shows_the_parameters_of_its_model(kind):
-    make, model = MODELS[kind][0], MOTION_MODELS[kind].parameters
+    make, model = MODELS[kind][0], dg.motion.models.MOTION_MODELS[kind].parameters
     with pytest.raises(ConfigError, match=rf"^{make.__name__}: speed: unknown parameter; allowed are ") as caught:
         make(speed=1.0)
     own = [name for name in model.model_fields if name != "kind"]

@@ -7,13 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from doppelgait.processing.track.associate import (
-    associate,
-    compute_gate_threshold,
-    compute_joint_probabilities,
-    find_best_assignment,
-    find_clusters,
-)
+from doppelgait.processing.track import associate as association
 
 MISS = math.log(0.1)
 
@@ -36,25 +30,25 @@ def test_assignment_and_probabilities_equal_brute_force(seed: int) -> None:
     gain[rng.random(gain.shape) < 0.3] = -np.inf
     events = all_events(gain)
     best = max(weight for _, weight in events)
-    chosen = find_best_assignment(gain, MISS)
+    chosen = association.find_best_assignment(gain, MISS)
     assert sum(gain[t, d] if d >= 0 else MISS for t, d in enumerate(chosen)) == pytest.approx(best)
     table = np.zeros((gain.shape[0], gain.shape[1] + 1))
     for event, weight in events:
         for t, d in enumerate(event):
             table[t, d] += math.exp(weight)
     np.testing.assert_allclose(
-        compute_joint_probabilities(gain, MISS), table / table.sum(axis=1, keepdims=True), rtol=1e-9
+        association.compute_joint_probabilities(gain, MISS), table / table.sum(axis=1, keepdims=True), rtol=1e-9
     )
 
 
 def test_gate_is_the_chi_square_quantile() -> None:
-    assert compute_gate_threshold(0.99) == pytest.approx(chi2.ppf(0.99, 2))
+    assert association.compute_gate_threshold(0.99) == pytest.approx(chi2.ppf(0.99, 2))
 
 
 def test_single_track_has_the_closed_form_of_pda() -> None:
     """beta_j = L_j / (1 - Pd Pg + sum L), L = Pd N / lambda (Bar-Shalom, Tse 1975)."""
     densities = np.array([[0.8, 0.1, 0.03]])
-    found = associate(
+    found = association.associate(
         np.log(densities), detection_probability=0.9, gate_probability=0.99, clutter_density=0.05, association="jpda"
     )
     likelihood = 0.9 * densities[0] / 0.05
@@ -66,16 +60,18 @@ def test_single_track_has_the_closed_form_of_pda() -> None:
 def test_auto_is_hard_alone_and_soft_where_gates_overlap() -> None:
     alone = np.log(np.array([[0.5, 0.2]]))
     kwargs = {"detection_probability": 0.9, "gate_probability": 0.99, "clutter_density": 0.005}
-    assert associate(alone, **kwargs).weights.tolist() == [[1.0, 0.0, 0.0]]
-    both = associate(np.log(np.array([[0.5], [0.4]])), **kwargs)
+    assert association.associate(alone, **kwargs).weights.tolist() == [[1.0, 0.0, 0.0]]
+    both = association.associate(np.log(np.array([[0.5], [0.4]])), **kwargs)
     assert both.assigned.tolist() == [0, -1]
     assert 0 < both.weights[1, 0] < both.weights[0, 0] < 1
-    hard = associate(np.log(np.array([[0.5], [0.4]])), **kwargs, association="gnn")
+    hard = association.associate(np.log(np.array([[0.5], [0.4]])), **kwargs, association="gnn")
     assert hard.weights.tolist() == [[1.0, 0.0], [0.0, 1.0]]
 
 
 def test_weak_detection_loses_against_none() -> None:
-    found = associate(np.log(np.array([[1e-6]])), detection_probability=0.9, gate_probability=0.99, clutter_density=0.5)
+    found = association.associate(
+        np.log(np.array([[1e-6]])), detection_probability=0.9, gate_probability=0.99, clutter_density=0.5
+    )
     assert found.assigned.tolist() == [-1]
 
 
@@ -91,10 +87,12 @@ def test_clusters_are_the_connected_components(seed: int) -> None:
     expected = []
     for k in sorted(set(label[:5][gate.any(axis=1)])):
         expected.append((np.flatnonzero(label[:5] == k).tolist(), np.flatnonzero(label[5:] == k).tolist()))
-    assert find_clusters(gate) == sorted(expected)
+    assert association.find_clusters(gate) == sorted(expected)
 
 
 def test_no_detections() -> None:
-    found = associate(np.zeros((2, 0)), detection_probability=0.9, gate_probability=0.99, clutter_density=0.01)
+    found = association.associate(
+        np.zeros((2, 0)), detection_probability=0.9, gate_probability=0.99, clutter_density=0.01
+    )
     assert found.assigned.tolist() == [-1, -1]
     assert found.weights.tolist() == [[1.0], [1.0]]

@@ -11,15 +11,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models.registry import MOTION_MODELS
 from doppelgait.pipeline import Run, run_simulation
 from doppelgait.radar import Radar
-from doppelgait.viewer.try_it import (
-    Limit,
-    describe_controls,
-    format_scene_toml,
-    list_controls,
-    make_scene_table,
-    parse_controls,
-    run_of,
-)
+from doppelgait.viewer import try_it as page
 from viewer_client import served
 
 pytestmark = pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
@@ -27,7 +19,7 @@ SHORT = {"duration_s": "2", "radar": "x4-255fps", "range_m": "3"}
 
 
 def test_controls_say_all_that_a_page_needs():
-    found = describe_controls()
+    found = page.describe_controls()
     assert json.loads(json.dumps(found)) is not None
     assert found[0]["name"] == "who"
     for control in found:
@@ -42,7 +34,7 @@ def test_controls_say_all_that_a_page_needs():
 
 
 def test_radars_are_those_that_can_show_a_gait():
-    radars = next(control.values for control in list_controls() if control.name == "radar")
+    radars = next(control.values for control in page.list_controls() if control.name == "radar")
     assert {"x4", "infineon-60", "xband-cw"} <= set(radars)
     assert "x4-17fps" not in radars
     assert all(Radar.preset(name).prf_hz > 200 for name in radars)
@@ -50,7 +42,7 @@ def test_radars_are_those_that_can_show_a_gait():
 
 @pytest.mark.parametrize("who", ["person", "dog", "cat", "fan", "curtain", "vacuum"])
 def test_every_target_can_be_simulated_as_it_stands(who):
-    run = run_of({"who": who, **SHORT})
+    run = page.run_of({"who": who, **SHORT})
     recording = run.require_recording()
     assert recording.n_pulses == 510
     assert [truth.label for truth in recording.truth] == ["human" if who == "person" else who]
@@ -59,7 +51,7 @@ def test_every_target_can_be_simulated_as_it_stands(who):
 
 def test_what_is_asked_for_is_what_is_analysed():
     given = {"who": "dog", "speed_mps": "2", "withers_m": "0.6", "aspect_deg": "180", "cpi_s": "0.15"}
-    run = run_of({**given, **SHORT, "radar": "x4-512fps"})
+    run = page.run_of({**given, **SHORT, "radar": "x4-512fps"})
     truth = run.require_recording().truth[0]
     assert (truth.height_m, truth.gait) == (0.6, "trot")
     assert truth.ground_speed_mps == pytest.approx(2.0, rel=0.03)
@@ -70,7 +62,7 @@ def test_what_is_asked_for_is_what_is_analysed():
 
 
 def test_two_go_side_by_side_a_metre_apart():
-    run = run_of({"company": "dog", "aspect_deg": "30", **SHORT})
+    run = page.run_of({"company": "dog", "aspect_deg": "30", **SHORT})
     bodies = [truth.body.mean("marker").values for truth in run.require_recording().truth]
     apart = bodies[1][:, :2] - bodies[0][:, :2]
     assert np.hypot(*apart.T) == pytest.approx(1.0, abs=0.25)  # centres of the points, which legs move
@@ -80,16 +72,16 @@ def test_two_go_side_by_side_a_metre_apart():
 
 
 def test_the_same_values_give_the_same_data_and_the_seed_another():
-    first, again, other = (run_of({"seed": seed, **SHORT}).require_recording() for seed in ("3", "3", "4"))
+    first, again, other = (page.run_of({"seed": seed, **SHORT}).require_recording() for seed in ("3", "3", "4"))
     assert np.array_equal(first.baseband.values, again.baseband.values)
     assert not np.array_equal(first.baseband.values, other.baseband.values)
-    assert np.isinf(run_of({"noise": "off", **SHORT}).require_recording().snr_frame_db)
-    assert run_of({"snr_db": "10", **SHORT}).require_recording().snr_frame_db == pytest.approx(10.0, abs=0.5)
+    assert np.isinf(page.run_of({"noise": "off", **SHORT}).require_recording().snr_frame_db)
+    assert page.run_of({"snr_db": "10", **SHORT}).require_recording().snr_frame_db == pytest.approx(10.0, abs=0.5)
 
 
 def test_warnings_become_notes():
-    assert not run_of({"range_m": "3", "duration_s": "2"}).notes
-    notes = run_of({"speed_mps": "4", **SHORT}).notes
+    assert not page.run_of({"range_m": "3", "duration_s": "2"}).notes
+    notes = page.run_of({"speed_mps": "4", **SHORT}).notes
     assert any(note.startswith("aliasing") for note in notes)
     assert any(note.startswith("outside the frame") for note in notes)
 
@@ -111,7 +103,7 @@ def test_warnings_become_notes():
 ])  # fmt: skip
 def test_a_mistake_is_one_sentence_that_says_what_is_allowed(given, says):
     with pytest.raises(ConfigError, match=says):
-        run_of(given)
+        page.run_of(given)
 
 
 @pytest.mark.parametrize(
@@ -124,20 +116,20 @@ def test_a_mistake_is_one_sentence_that_says_what_is_allowed(given, says):
 )
 def test_the_scene_file_gives_the_same_baseband(tmp_path, given):
     parameters = {**given, **SHORT}
-    (tmp_path / "scene.toml").write_text(format_scene_toml(make_scene_table(parameters)), encoding="utf-8")
+    (tmp_path / "scene.toml").write_text(page.format_scene_toml(page.make_scene_table(parameters)), encoding="utf-8")
     again = run_simulation(Run.from_toml(tmp_path / "scene.toml"))
-    assert np.array_equal(again.baseband.values, run_of(parameters).require_recording().baseband.values)
+    assert np.array_equal(again.baseband.values, page.run_of(parameters).require_recording().baseband.values)
 
 
 def test_defaults_go_with_the_target():
-    assert parse_controls({})["speed_mps"] == 1.2
-    assert parse_controls({"who": "cat"})["withers_m"] == 0.25
-    assert "height_m" not in parse_controls({"who": "cat"})
+    assert page.parse_controls({})["speed_mps"] == 1.2
+    assert page.parse_controls({"who": "cat"})["withers_m"] == 0.25
+    assert "height_m" not in page.parse_controls({"who": "cat"})
 
 
 @pytest.mark.parametrize("speed", ["0.3", "1.6", "1.9", "2.6", "4", "6.5", "9"])
 def test_at_every_speed_the_page_has_features(speed):
-    velocity_mps = run_of({"speed_mps": speed}).targets(None)[0].result.features.torso_velocity_mps
+    velocity_mps = page.run_of({"speed_mps": speed}).targets(None)[0].result.features.torso_velocity_mps
     assert velocity_mps == pytest.approx(float(speed), rel=0.1, abs=0.05)
 
 
@@ -151,22 +143,24 @@ def test_at_every_speed_the_page_has_features(speed):
 ])  # fmt: skip
 def test_nobody_comes_nearer_than_a_metre_and_the_page_says_so(given):
     low = 1.385 if given.get("radar") else 1.0
-    run = run_of({**given, "noise": "off"})
+    run = page.run_of({**given, "noise": "off"})
     ways = [truth.body.mean("marker").values[:, :2] for truth in run.require_recording().truth]
     radar = run.require_recording().radar_position_m
     nearest = min(np.hypot(*(way - radar[:2]).T).min() for way in ways)
     assert low - 0.25 < nearest < low + 0.25  # legs move the mean of the points; no farther than needed
-    assert run.notes[0].startswith(f"range: {make_scene_table(given)['targets'][0]['range_m']:g} m in the middle")
+    assert run.notes[0].startswith(f"range: {page.make_scene_table(given)['targets'][0]['range_m']:g} m in the middle")
 
 
 def test_a_range_that_is_far_enough_stays():
     for given in ({"range_m": "3.4"}, {"range_m": "1", "who": "fan"}, {"range_m": "15", "radar": "xband-cw"}):
-        assert make_scene_table(given)["targets"][0]["range_m"] == float(given["range_m"])
-    assert make_scene_table({"range_m": "1", "who": "fan", "radar": "acconeer-a121"})["targets"][0]["range_m"] == 1.4
+        assert page.make_scene_table(given)["targets"][0]["range_m"] == float(given["range_m"])
+    assert (
+        page.make_scene_table({"range_m": "1", "who": "fan", "radar": "acconeer-a121"})["targets"][0]["range_m"] == 1.4
+    )
 
 
 def test_the_band_of_a_fan_goes_with_its_rotation():
-    fans = [run_of({"who": "fan", "rotation_hz": hz}).targets(None)[0].result for hz in "36"]
+    fans = [page.run_of({"who": "fan", "rotation_hz": hz}).targets(None)[0].result for hz in "36"]
     bands = [
         fan.extended["doppler_bandwidth_envelope_hz"] for fan in fans
     ]  # a blade flashes for less than 5 % of the time
@@ -175,7 +169,7 @@ def test_the_band_of_a_fan_goes_with_its_rotation():
 
 
 def limits_of(name, **values):
-    control = next(control for control in list_controls() if control.name == name)
+    control = next(control for control in page.list_controls() if control.name == name)
     fits = [limit for limit in control.limits if limit.is_active(values)]
     scales = [float(values[limit.size]) ** limit.power if limit.size else 1.0 for limit in fits]
     lows = [limit.low * scale for limit, scale in zip(fits, scales, strict=True) if limit.low is not None]
@@ -184,7 +178,7 @@ def limits_of(name, **values):
 
 
 def motions(given):
-    table = make_scene_table({key: str(value) for key, value in given.items()})
+    table = page.make_scene_table({key: str(value) for key, value in given.items()})
     for motion in (target["motion"] for target in table["targets"]):
         model = MOTION_MODELS[motion["kind"]]
         validate(model.parameters, {key: value for key, value in motion.items() if key != "kind"}, where="motion")
@@ -201,7 +195,7 @@ def motions(given):
 ])  # fmt: skip
 def test_the_limits_of_the_speed_are_those_of_the_models(given):
     low, high = limits_of("speed_mps", **given)
-    own = next(control for control in list_controls() if control.name == "speed_mps").by_who.get(given["who"], {})
+    own = next(control for control in page.list_controls() if control.name == "speed_mps").by_who.get(given["who"], {})
     compared = 0
     for inside, outside in ((low * 1.001, low * 0.999), (high * 0.999, high * 1.001)):
         if own.get("low", 0.3) <= min(inside, outside) and max(inside, outside) <= own.get("high", 10.0):
@@ -214,9 +208,9 @@ def test_the_limits_of_the_speed_are_those_of_the_models(given):
 
 def test_the_limits_of_the_range_are_those_of_the_frame():
     assert limits_of("range_m", radar="x4") == (0.0, 9.664)
-    limits = next(control["limits"] for control in describe_controls() if control["name"] == "range_m")
+    limits = next(control["limits"] for control in page.describe_controls() if control["name"] == "range_m")
     assert {"when": {"radar": "xband-cw"}, "low": 0.0, "high": None, "size": "", "power": 1.0} in limits
-    assert Limit({"radar": "x4"}).is_active({"radar": "x4", "who": "fan"})
+    assert page.Limit({"radar": "x4"}).is_active({"radar": "x4", "who": "fan"})
 
 
 def test_the_server_gives_the_scene_file_or_the_mistake():
