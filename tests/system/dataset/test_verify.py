@@ -22,28 +22,24 @@ from doppelgait.dataset.finish import LOG, LOG_SUM, SUMS, make_index, write_spli
 from doppelgait.dataset.shard_files import ShardFiles, hash_contents
 from doppelgait.dataset.verify import contents, verify_dataset
 from figure_faults import faults
+from tiny_dataset import TROT, WALK
 
 N = 30
+TARGET = {"range_m": {"uniform": [4, 5]}, "aspect_deg": {"uniform": [-30, 30]}}
 
 
 def small_plan(**changes):
+    dataset = {"name": "small", "examples_per_class": N, "shard_size": 20, "seed": 3}
+    target = {**TARGET, "rcs": {"total_m2": {"log_uniform": [0.2, 1.0]}}}
     table = {
-        "dataset": {"name": "small", "examples_per_class": N, "shard_size": 20, "seed": 3},
-        "classes": [
-            {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.9, 1.6]}}},
-            {"label": "dog", "motion": {"kind": "quadruped", "gait": "trot", "froude": {"uniform": [0.4, 1.2]}}},
-        ],
+        "dataset": dataset,
+        "classes": [{"label": "human", "motion": WALK}, {"label": "dog", "motion": TROT}],
         "scene": {"duration_s": 1.6},
         "radar": {"preset": "x4", "prf_hz": 900},
-        "target": {
-            "range_m": {"uniform": [4, 5]},
-            "aspect_deg": {"uniform": [-30, 30]},
-            "rcs": {"total_m2": {"log_uniform": [0.2, 1.0]}},
-        },
+        "target": target,
         "noise": {"kind": "snr", "snr_db": {"uniform": [12, 25]}},
-        **changes,
     }
-    return validate(PlanConfig, table, where="plan")
+    return validate(PlanConfig, table | changes, where="plan")
 
 
 @pytest.fixture(scope="module")
@@ -424,7 +420,7 @@ def test_a_signature_in_two_splits_is_found_identical_or_louder(copy, scale, noi
 
 
 def test_cross_sections_by_body_mass_fail_with_the_key_to_set(tmp_path):
-    plan = small_plan(target={"range_m": {"uniform": [4, 5]}, "aspect_deg": {"uniform": [-30, 30]}})
+    plan = small_plan(target=TARGET)
     with pytest.warns(DoppelgaitWarning, match=r"rcs_total_m2 .*list 'target.rcs' in dataset.leaks"):
         build_dataset(plan, tmp_path / "leaky", executor="serial")
     found = verify(tmp_path / "leaky")

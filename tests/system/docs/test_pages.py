@@ -63,12 +63,8 @@ def cited():
     return found
 
 
-def defined():
-    return [label for page in PAGES for label in re.findall(r"\\tag\{(E-[^}]*)\}", page.read_text())]
-
-
 def test_every_equation_is_there_once_and_cited_and_no_other_is_cited():
-    labels = defined()
+    labels = [label for page in PAGES for label in re.findall(r"\\tag\{(E-[^}]*)\}", page.read_text())]
     assert len(labels) == len(set(labels)) >= 40
     assert set(labels) == cited()
     for path in [*PAGES, *(ROOT / "src").rglob("*.py")]:  # comments, too
