@@ -395,25 +395,20 @@ def test_an_empty_room_is_allowed_and_judged_without_the_level_of_echoes(tmp_pat
     assert set(found.check("nuisance").numbers) == {"all classes"}
 
 
-def copied(source, target, *, scale=1.0, noise=0.0):
-    """The signature of one row in the place of another's."""
-
-    def change(file, rows):
-        for number, row in enumerate(rows):
-            if row["id"] == target:
-                shaken = 1 + noise * np.random.default_rng(0).standard_normal(source.shape)
-                file["signature"][number] = (source + 10 * np.log10(scale * shaken)).astype(source.dtype)
-
-    return change
-
-
 @pytest.mark.parametrize(("scale", "noise", "how"), [(1.0, 0.0, "identical"), (3.0, 0.02, "0.999")])
 def test_a_signature_in_two_splits_is_found_identical_or_louder(copy, scale, noise, how):
     index = pd.read_parquet(copy / "index.parquet")
     first, last = index[index["split"] == "train"].iloc[4], index[index["split"] == "test"].iloc[2]
     with h5py.File(copy / "shards" / f"{first['shard']}.h5") as file:
         source = file["signature"][first["row"]]
-    tamper(copy, arrays=copied(source, last["id"], scale=scale, noise=noise))
+    shaken = 1 + noise * np.random.default_rng(0).standard_normal(source.shape)
+
+    def replace(file, rows):
+        for number, row in enumerate(rows):
+            if row["id"] == last["id"]:
+                file["signature"][number] = (source + 10 * np.log10(scale * shaken)).astype(source.dtype)
+
+    tamper(copy, arrays=replace)
     found = verify(copy)
     assert failed(found) == {"duplicates"}
     assert f"{first['id']} (train) and {last['id']} (test) {how}" in found.check("duplicates").summary

@@ -235,14 +235,9 @@ def test_links_between_pages_lead_somewhere():
             file = (page.parent / name).resolve() if name else page
             assert file.exists(), f"{page.name}: {target} is not in a clone"
             if anchor and file.suffix == ".md":
-                assert anchor in {_anchor(line) for line in file.read_text().split("\n") if line.startswith("#")}, (
-                    target
-                )
-
-
-def _anchor(heading):
-    words = re.sub(r"[^\w\- ]", "", heading.lstrip("#").strip().lower())
-    return words.replace(" ", "-")
+                headings = [line.lstrip("#").strip() for line in file.read_text().split("\n") if line.startswith("#")]
+                anchors = [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings]
+                assert anchor in anchors, target
 
 
 def test_publishing_keeps_the_versions_and_names_the_newest(tmp_path):
