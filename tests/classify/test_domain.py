@@ -70,17 +70,11 @@ def test_simulated_recordings_have_the_pulses_and_bins_of_the_real_ones(tmp_path
     values = np.ones((times_s.size, 1), np.complex64)
     real = [Recording.from_baseband(make_array(BASEBAND, values, coords, {"burst_pulses": 128}), cw) for _ in range(2)]
     model = tmp_path / "my.toml"
-    text = (
-        'waveform = "cw"\ncarrier_hz = 24e9\nprf_hz = 3000\nrange_stop_m = 10\nnoise_figure_db = { uniform = [5, 9] }\n'
-    )
+    text = 'waveform = "cw"\ncarrier_hz = 24e9\nprf_hz = 3000\nrange_stop_m = 10\n'
+    text += "noise_figure_db = { uniform = [5, 9] }\n"
     model.write_text(text, encoding="utf-8")
-    plan = PlanConfig.model_validate(
-        {
-            "dataset": {"name": "walk", "examples_per_class": 2},
-            "classes": [{"label": "human", "motion": {"kind": "boulic"}}],
-            "target": {"range_m": 4.0},
-        }
-    )
+    classes = [{"label": "human", "motion": {"kind": "boulic"}}]
+    plan = PlanConfig(dataset={"name": "walk", "examples_per_class": 2}, classes=classes, target={"range_m": 4.0})
     empty, walk = domain.simulate_like(real, model), domain.simulate_like(real, model, plan=plan)
     for one in (*empty, *walk):
         assert one.samples.shape == real[0].samples.shape

@@ -39,13 +39,6 @@ class Terminal(io.StringIO):
         return True
 
 
-def use_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
-    """Replace standard error; a fixture cannot, because pytest replaces it again."""
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr("sys.stderr", terminal := Terminal())
-    return terminal
-
-
 def use_timer(monkeypatch: pytest.MonkeyPatch, *, fires: bool) -> None:
     """Replace the timer by one that fires at once, or never."""
 
@@ -58,7 +51,8 @@ def use_timer(monkeypatch: pytest.MonkeyPatch, *, fires: bool) -> None:
 
 @pytest.mark.parametrize("fires", [False, True])
 def test_only_longer_work_shows_a_bar(monkeypatch, fires):
-    terminal = use_terminal(monkeypatch)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stderr", terminal := Terminal())  # no fixture can: pytest replaces it again
     use_timer(monkeypatch, fires=fires)
     work(monkeypatch, 0.5 if fires else 0.01)
     shown = terminal.getvalue()

@@ -277,10 +277,6 @@ def test_only_a_plan_that_names_its_leaks_may_have_them():
     leakage.refuse_leaks(examples, np.random.default_rng(0), leaks=config.dataset.leaks)
 
 
-def with_dog_motion(motion):
-    return plan(classes=[{"label": "human", "motion": {"kind": "boulic"}}, {"label": "dog", "motion": motion}])
-
-
 @pytest.mark.parametrize(
     ("motion", "says"),
     [
@@ -301,8 +297,9 @@ def with_dog_motion(motion):
 )
 def test_a_wrong_motion_is_refused_while_planning(tmp_path, motion, says):
     (tmp_path / "a.c3d").touch()
+    classes = [{"label": "human", "motion": {"kind": "boulic"}}, {"label": "dog", "motion": motion}]
     with pytest.raises(ConfigError, match=rf"class 'dog': example dog-000000: classes\.1\.motion{says}"):
-        list(planning.sample_examples(planning.plan_dataset(with_dog_motion(motion), folder=tmp_path)))
+        examples_of(plan(classes=classes), folder=tmp_path)
 
 
 def files(tmp_path, *names):

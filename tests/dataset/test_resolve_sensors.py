@@ -36,13 +36,9 @@ white_rad = { uniform = [0.001, 0.003] }
 
 
 def plan_of(preset: str, **radar: object) -> PlanConfig:
-    return PlanConfig.model_validate(
-        {
-            "dataset": {"name": "sensors", "examples_per_class": 40},
-            "classes": [{"label": "human", "motion": {"kind": "boulic"}}],
-            "radar": {"preset": preset, **radar},
-        }
-    )
+    section = {"name": "sensors", "examples_per_class": 40}
+    classes = [{"label": "human", "motion": {"kind": "boulic"}}]
+    return PlanConfig(dataset=section, classes=classes, radar={"preset": preset, **radar})
 
 
 @pytest.fixture

@@ -17,13 +17,6 @@ from doppelgait.motion.retime import body_centre_m, resample
 FRAME_S = 1 / 250
 
 
-def _long_walk(clip: Motion, looped: Motion, start_phase: float, **options: float) -> Motion:
-    """The model started in the phase of the loop's first frame, and put at its place."""
-    phase = start_phase + looped.report["loop"]["from_s"] * clip.facts.stride_frequency_hz
-    long = boulic_walk(duration_s=float(looped.time_s[-1]), start_phase=phase % 1, **options)
-    return long.with_positions(long.position_m + (looped.position_m[0] - long.position_m[0]).mean(axis=0))
-
-
 few_strides = pytest.mark.filterwarnings("ignore:.* fewer than 2:doppelgait.core.errors.DoppelgaitWarning")
 
 
@@ -34,7 +27,9 @@ few_strides = pytest.mark.filterwarnings("ignore:.* fewer than 2:doppelgait.core
 def test_looped_walk_is_the_long_walk(speed_mps: float, clip_s: float, start_phase: float) -> None:
     clip = boulic_walk(speed_mps=speed_mps, duration_s=clip_s, start_phase=start_phase)
     looped = loop(clip, duration_s=20.0, variation=0.0)
-    long = _long_walk(clip, looped, start_phase, speed_mps=speed_mps)
+    phase = start_phase + looped.report["loop"]["from_s"] * clip.facts.stride_frequency_hz
+    long = boulic_walk(speed_mps=speed_mps, duration_s=float(looped.time_s[-1]), start_phase=phase % 1)
+    long = long.with_positions(long.position_m + (looped.position_m[0] - long.position_m[0]).mean(axis=0))
     assert looped.positions.shape == long.positions.shape
     np.testing.assert_allclose(looped.position_m, long.position_m, atol=5e-4)  # m, after 20 s
     between = np.arange(0.1, 19.9, 0.0137)

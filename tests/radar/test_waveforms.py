@@ -6,22 +6,14 @@ from typing import Literal
 import numpy as np
 import pytest
 
+import doppelgait as dg
 from doppelgait._core import native
 from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import Conditions, Run, analyze, simulate
-from doppelgait.radar import (
-    WAVEFORMS,
-    Radar,
-    Waveform,
-    compress,
-    echo_amplitude_v,
-    list_derived_quantities,
-    synthesise,
-    synthesise_samples,
-)
+from doppelgait.radar import synthesise
 from doppelgait.radar.simulate import warn_of_limits
 from doppelgait.scene import Scene, Target
 from doppelgait_conformance.radars import change_radar, make_table
@@ -30,12 +22,12 @@ C = 299_792_458.0
 
 COMMON = {"carrier_hz": 24e9, "prf_hz": 500.0, "range_stop_m": 9.0, "transmit_phase_rad": 0.4}
 RADARS = {
-    "impulse": Radar(waveform="impulse", sample_rate_hz=3e9, bandwidth_hz=1e9, **COMMON),
-    "rectangular": Radar(waveform="rectangular", sample_rate_hz=3e9, sweep_s=2e-9, **COMMON),
-    "lfm": Radar(waveform="lfm", sample_rate_hz=3e9, sweep_s=1e-6, bandwidth_hz=1e9, **COMMON),
-    "fmcw": Radar(waveform="fmcw", sample_rate_hz=256e3, sweep_s=1e-3, bandwidth_hz=1e9, **COMMON),
-    "stepped": Radar(waveform="stepped", sample_rate_hz=256e3, sweep_s=1e-3, bandwidth_hz=1e9, **COMMON),
-    "cw": Radar(waveform="cw", sample_rate_hz=500.0, **COMMON),
+    "impulse": dg.radar.Radar(waveform="impulse", sample_rate_hz=3e9, bandwidth_hz=1e9, **COMMON),
+    "rectangular": dg.radar.Radar(waveform="rectangular", sample_rate_hz=3e9, sweep_s=2e-9, **COMMON),
+    "lfm": dg.radar.Radar(waveform="lfm", sample_rate_hz=3e9, sweep_s=1e-6, bandwidth_hz=1e9, **COMMON),
+    "fmcw": dg.radar.Radar(waveform="fmcw", sample_rate_hz=256e3, sweep_s=1e-3, bandwidth_hz=1e9, **COMMON),
+    "stepped": dg.radar.Radar(waveform="stepped", sample_rate_hz=256e3, sweep_s=1e-3, bandwidth_hz=1e9, **COMMON),
+    "cw": dg.radar.Radar(waveform="cw", sample_rate_hz=500.0, **COMMON),
 }
 SWEPT = ("fmcw", "stepped")
 
@@ -60,7 +52,7 @@ def crowd(seed=3, pulses=19, scatterers=4, speed_mps=5.0):
 
 def rows_of(table, radar):
     """Every scatterer of every pulse: pulse, range, velocity, amplitude, extra phase."""
-    a = echo_amplitude_v(radar, range_m=table["range"].values, rcs_m2=table["rcs"].values)
+    a = dg.radar.echo_amplitude_v(radar, range_m=table["range"].values, rcs_m2=table["rcs"].values)
     extra = table["path_phase"].values if "path_phase" in table else np.zeros(a.shape)
     for i in range(a.shape[0]):
         for s in range(a.shape[1]):
@@ -107,7 +99,7 @@ def literal_transform(samples, radar, at_m, *, chirped):
 @pytest.mark.parametrize("name", SWEPT)
 def test_samples_of_a_sweep_are_those_of_the_literal_loop(name):
     radar, table = RADARS[name], crowd()
-    found = synthesise_samples(table, radar)
+    found = dg.radar.synthesise_samples(table, radar)
     wanted = literal_sweep(table, radar, chirped=name == "fmcw")
     assert found.dtype == np.complex64
     assert found.shape == (19, 256)
@@ -118,8 +110,8 @@ def test_samples_of_a_sweep_are_those_of_the_literal_loop(name):
 @pytest.mark.parametrize("name", SWEPT)
 def test_compression_is_the_literal_windowed_transform(name, window):
     radar = change_radar(RADARS[name], range_window=window, range_start_m=1.1)
-    samples = synthesise_samples(crowd(), radar)
-    found = compress(samples, radar)
+    samples = dg.radar.synthesise_samples(crowd(), radar)
+    found = dg.radar.compress(samples, radar)
     axis_m = radar.range_axis_m()
     spacing_m = C / (2 * 1e9)
     np.testing.assert_allclose(axis_m, spacing_m * np.arange(8, 61), rtol=1e-12)  # 1.199 m to 8.994 m
@@ -131,9 +123,9 @@ def test_many_sweeps_are_compressed_like_one():
     radar = RADARS["fmcw"]
     rng = np.random.default_rng(0)
     samples = (rng.normal(size=(2051, 256)) + 1j * rng.normal(size=(2051, 256))).astype(np.complex64)
-    together = compress(samples, radar)
+    together = dg.radar.compress(samples, radar)
     for row in (0, 2047, 2048, 2050):
-        np.testing.assert_array_equal(together[row], compress(samples[row : row + 1], radar)[0])
+        np.testing.assert_array_equal(together[row], dg.radar.compress(samples[row : row + 1], radar)[0])
 
 
 @pytest.mark.parametrize(
@@ -157,7 +149,7 @@ def test_range_doppler_coupling_at_24_ghz_and_1_ghz(name, coupling_s):
 def test_response_is_that_of_a_brute_force_matched_filter(duration_s, bandwidth_hz, velocity_mps):
     name = "lfm" if bandwidth_hz else "rectangular"
     band = {"bandwidth_hz": bandwidth_hz} if bandwidth_hz else {}
-    radar = Radar(waveform=name, sweep_s=duration_s, sample_rate_hz=1e9, carrier_hz=10e9, prf_hz=1000.0,
+    radar = dg.radar.Radar(waveform=name, sweep_s=duration_s, sample_rate_hz=1e9, carrier_hz=10e9, prf_hz=1000.0,
                   range_start_m=20.0, range_stop_m=40.0, transmit_phase_rad=0.2, **band)  # fmt: skip
     range_m = 30.03
     found = synthesise(table_of([[range_m]], velocity_mps=velocity_mps), radar).values[0]
@@ -171,7 +163,7 @@ def test_response_is_that_of_a_brute_force_matched_filter(duration_s, bandwidth_
         x = 2 * (at_m - range_m) / C
         inside = np.abs(t - x) <= duration_s / 2
         wanted[k] = (received[inside] * np.exp(-1j * np.pi * slope * (t[inside] - x) ** 2)).sum() / n
-    wanted *= float(echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0))
+    wanted *= float(dg.radar.echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0))
     wanted *= np.exp(1j * (0.2 - 4 * np.pi * range_m * 10e9 / C))
     assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()
 
@@ -187,7 +179,7 @@ def literal_pulses(table, radar):
         doppler_hz = 2 * v * 24e9 / C
         extra = table["path_phase"].values[:, [n]] if "path_phase" in table else 0.0
         phase = 0.4 + extra - 4 * np.pi * r * 24e9 / C + np.pi * doppler_hz * x
-        level = echo_amplitude_v(radar, range_m=r, rcs_m2=rcs) * left / radar.sweep_s
+        level = dg.radar.echo_amplitude_v(radar, range_m=r, rcs_m2=rcs) * left / radar.sweep_s
         wanted += level * np.sinc((doppler_hz + slope * x) * left) * np.exp(1j * phase)
     return wanted
 
@@ -210,14 +202,16 @@ def test_response_of_a_chirp_from_its_table_is_that_of_the_equation_everywhere(s
     places_m = np.concatenate([np.linspace(0.3, 12.0, 1001), edges_m[edges_m > 0.3]])
     table = table_of(places_m[:, None], velocity_mps=speed_mps)
     wanted = literal_pulses(table, radar)
-    peak = echo_amplitude_v(radar, range_m=places_m, rcs_m2=1.0)[:, None]
+    peak = dg.radar.echo_amplitude_v(radar, range_m=places_m, rcs_m2=1.0)[:, None]
     assert (np.abs(synthesise(table, radar).values - wanted) / peak).max() < 1e-6
 
 
 def test_widths_of_matched_filter_responses():
     rectangular = RADARS["rectangular"]
     assert rectangular.range_resolution_m == pytest.approx((2 - np.sqrt(2)) * C * 2e-9 / 2, rel=1e-12)
-    assert list_derived_quantities(rectangular)["pulse_bandwidth_3db_hz"] == pytest.approx(0.886 / 2e-9, rel=1e-3)
+    assert dg.radar.list_derived_quantities(rectangular)["pulse_bandwidth_3db_hz"] == pytest.approx(
+        0.886 / 2e-9, rel=1e-3
+    )
     assert RADARS["lfm"].range_resolution_m == pytest.approx(0.8859 * C / 2e9, rel=2e-3)
 
 
@@ -231,7 +225,9 @@ def test_cw_is_the_literal_sum_at_whatever_range():
     assert found.coords["range"].values == pytest.approx([4.5])
     assert radar.bin_spacing_m == 9.0
     far = synthesise(table_of([[500.0]]), radar).values
-    assert np.abs(far[0, 0]) == pytest.approx(float(echo_amplitude_v(radar, range_m=500.0, rcs_m2=1.0)), rel=1e-6)
+    assert np.abs(far[0, 0]) == pytest.approx(
+        float(dg.radar.echo_amplitude_v(radar, range_m=500.0, rcs_m2=1.0)), rel=1e-6
+    )
 
 
 def test_bandwidth_with_few_bins_in_the_gate_is_that_of_the_walk_and_not_of_the_noise():
@@ -277,20 +273,20 @@ def test_bandwidth_with_few_bins_in_the_gate_is_that_of_the_walk_and_not_of_the_
 )
 def test_what_a_waveform_needs_and_refuses(name, changes, says):
     with pytest.raises(ConfigError, match=says):
-        validate(Radar, {**RADARS[name].model_dump(), **changes})
+        validate(dg.radar.Radar, {**RADARS[name].model_dump(), **changes})
 
 
 def test_a_cw_radar_needs_no_sampling_rate():
-    assert Radar(waveform="cw", carrier_hz=24e9, prf_hz=2000.0, range_stop_m=5.0).sample_rate_hz == 2000.0
+    assert dg.radar.Radar(waveform="cw", carrier_hz=24e9, prf_hz=2000.0, range_stop_m=5.0).sample_rate_hz == 2000.0
 
 
 def test_radars_of_older_files_and_of_every_waveform_load_again():
-    old = {k: v for k, v in Radar.preset("x4").model_dump(mode="json").items()
+    old = {k: v for k, v in dg.radar.Radar.preset("x4").model_dump(mode="json").items()
            if k not in ("waveform", "sweep_s", "range_window", "volts_per_unit", "antenna")}  # fmt: skip
-    assert Radar.model_validate(old) == Radar.preset("x4", volts_per_unit=None)
+    assert dg.radar.Radar.model_validate(old) == dg.radar.Radar.preset("x4", volts_per_unit=None)
     for radar in RADARS.values():
-        assert Radar.model_validate(json.loads(json.dumps(radar.model_dump(mode="json")))) == radar
-    assert set(WAVEFORMS) == set(RADARS)
+        assert dg.radar.Radar.model_validate(json.loads(json.dumps(radar.model_dump(mode="json")))) == radar
+    assert set(dg.radar.WAVEFORMS) == set(RADARS)
 
 
 def test_only_an_impulse_radar_has_a_gaussian_pulse():
@@ -301,11 +297,11 @@ def test_only_an_impulse_radar_has_a_gaussian_pulse():
 @pytest.mark.parametrize("name", RADARS)
 def test_samples_of_another_length_are_refused(name):
     with pytest.raises(AnalysisError, match=rf"shape \(3, 7\).*waveform '{name}'.* has \d+ samples per frame"):
-        compress(np.zeros((3, 7), dtype=np.complex64), RADARS[name])
+        dg.radar.compress(np.zeros((3, 7), dtype=np.complex64), RADARS[name])
 
 
 def test_sweeps_and_integration_need_velocities():
-    for radar in (RADARS["fmcw"], Radar.preset("x4")):
+    for radar in (RADARS["fmcw"], dg.radar.Radar.preset("x4")):
         with pytest.raises(ConfigError, match=r"no radial_velocity, which .* integration_share need"):
             synthesise(table_of([[4.0]]).drop_vars("radial_velocity"), radar)
     synthesise(table_of([[4.0]]).drop_vars("radial_velocity"), RADARS["impulse"])
@@ -343,7 +339,7 @@ def test_bins_without_samples_are_those_of_window_and_transform(name, window, sp
     table = table_of(ranges_m, velocity_mps=speed_mps, path_phase=rng.uniform(-9, 9, ranges_m.shape))
     found = radar.waveform.synthesise_bins(table, radar)
     wanted = radar.waveform.compress(radar.waveform.synthesise(table, radar), radar)
-    largest = np.abs(echo_amplitude_v(radar, range_m=ranges_m, rcs_m2=1.0)).sum(axis=1).max()
+    largest = np.abs(dg.radar.echo_amplitude_v(radar, range_m=ranges_m, rcs_m2=1.0)).sum(axis=1).max()
     assert np.abs(found - wanted).max() < 1e-6 * largest
     assert (speed_mps < 5.0) == bool((found != wanted).any())  # faster ones go the way of the samples
 
@@ -386,7 +382,7 @@ def barker(register):
     """A waveform of another package, for one test."""
 
     @register("waveform")
-    class Barker(Waveform):
+    class Barker(dg.radar.Waveform):
         needs = ("sweep_s",)
         kind: Literal["barker"] = "barker"
         chips: Literal[7, 11, 13] = 13
@@ -404,15 +400,15 @@ BARKER = {**COMMON, "sample_rate_hz": 3e9, "sweep_s": 13e-9}
 
 
 def test_a_waveform_has_parameters_of_its_own(barker):
-    radar = Radar(waveform={"kind": "barker", "chips": 11}, **BARKER)
+    radar = dg.radar.Radar(waveform={"kind": "barker", "chips": 11}, **BARKER)
     assert radar.waveform.chips == 11
-    assert radar == Radar(waveform=barker(chips=11), **BARKER)
-    assert Radar(waveform="barker", **BARKER).waveform.chips == 13
-    assert radar != Radar(waveform="barker", **BARKER)
+    assert radar == dg.radar.Radar(waveform=barker(chips=11), **BARKER)
+    assert dg.radar.Radar(waveform="barker", **BARKER).waveform.chips == 13
+    assert radar != dg.radar.Radar(waveform="barker", **BARKER)
     assert radar.model_dump(mode="json")["waveform"] == {"kind": "barker", "chips": 11}
-    assert Radar.model_validate_json(format_canonical_json(radar)) == radar
+    assert dg.radar.Radar.model_validate_json(format_canonical_json(radar)) == radar
     assert RADARS["lfm"].model_dump()["waveform"] == "lfm"
-    assert Radar.preset("x4", waveform={"kind": "impulse"}) == Radar.preset("x4")
+    assert dg.radar.Radar.preset("x4", waveform={"kind": "impulse"}) == dg.radar.Radar.preset("x4")
 
 
 @pytest.mark.parametrize(
@@ -428,7 +424,7 @@ def test_a_waveform_has_parameters_of_its_own(barker):
 )
 def test_wrong_parameters_of_a_waveform_are_explained(barker, waveform, message):
     with pytest.raises(ConfigError, match=message):
-        validate(Radar, {**BARKER, "waveform": waveform})
+        validate(dg.radar.Radar, {**BARKER, "waveform": waveform})
 
 
 def test_parameters_of_a_waveform_in_a_scene_file_and_on_the_command_line(barker, tmp_path):
@@ -441,4 +437,4 @@ def test_parameters_of_a_waveform_in_a_scene_file_and_on_the_command_line(barker
     with pytest.raises(ConfigError, match=r"radar\.waveform\.chips \(line 4\): 12 is not allowed"):
         Run.from_toml(scene, overrides=["radar.waveform.chips=12"])
     own.write_text(keys + 'waveform = { kind = "barker", chips = 7 }\n')
-    assert Radar.preset(own, waveform={"chips": 11}).waveform == barker(chips=11)
+    assert dg.radar.Radar.preset(own, waveform={"chips": 11}).waveform == barker(chips=11)

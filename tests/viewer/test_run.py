@@ -16,13 +16,7 @@ from doppelgait.radar import read_recording, write_recording
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.radar.recordings import StoredRows
 from doppelgait.viewer import panels
-from doppelgait.viewer.panels import (
-    is_aligned,
-    make_range_doppler_payload,
-    make_recording_payload,
-    make_targets_payload,
-    select_segment,
-)
+from doppelgait.viewer import panels as panel
 from doppelgait.viewer.run import MOST_ANALYSES, Run, compute_true_values, find_true_values, make_view, match_truths
 from doppelgait.viewer.settings import Settings, parse_changes
 from doppelgait.viewer.source import RunCache, add_other, describe_session, open_path, parse_reference
@@ -134,9 +128,9 @@ def test_each_segment_can_be_shown(run, recording):
     (result,) = analyze(recording, gate="track")
     assert len(result.segments) > 1
     times_s = recording.baseband["slow_time"].values
-    shown = unpack(make_targets_payload(run, None))[0]["targets"][0]
+    shown = unpack(panel.make_targets_payload(run, None))[0]["targets"][0]
     for number, segment in enumerate(result.segments):
-        facts, _ = unpack(make_targets_payload(run, None, segment=(0, number)))
+        facts, _ = unpack(panel.make_targets_payload(run, None, segment=(0, number)))
         target = facts["targets"][0]
         span = segment.quality["start_s"], segment.quality["stop_s"]
         assert target["segments"][number] == list(span)
@@ -159,7 +153,7 @@ def test_each_segment_can_be_shown(run, recording):
         assert (shown["segment"] == number) == longest
         assert (shown["features"] == target["features"]) == longest
     with pytest.raises(ConfigError, match=f"segments 0 to {len(result.segments) - 1}"):
-        make_targets_payload(run, None, segment=(0, len(result.segments)))
+        panel.make_targets_payload(run, None, segment=(0, len(result.segments)))
 
 
 def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
@@ -167,9 +161,9 @@ def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
     (stored,) = read_results(tmp_path / "r.h5").targets
     view = make_view(stored)
     assert view.segment is not None
-    assert is_aligned(stored, "standard") == bool(stored.cadence_map.attrs["aligned"])
+    assert panel.is_aligned(stored, "standard") == bool(stored.cadence_map.attrs["aligned"])
     for number, segment in enumerate(stored.segments):
-        (shown,) = select_segment([view], 0, number)
+        (shown,) = panel.select_segment([view], 0, number)
         assert (shown.segment, shown.result.features) == (number, segment.features)
         assert shown.result.signature.identical(segment.signature)
 
@@ -177,7 +171,7 @@ def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
 def test_map_of_moved_columns_says_so(run):
     """The line of the walker drifts in the second segment, where he walks past the radar, and not in the first."""
     for number in range(2):
-        facts, arrays = unpack(make_targets_payload(run, None, segment=(0, number)))
+        facts, arrays = unpack(panel.make_targets_payload(run, None, segment=(0, number)))
         target = facts["targets"][0]
         line_hz = arrays[target["main_lines"][number]["values"]]
         drifts = abs(line_hz[-1] - line_hz[0]) > 10.0
@@ -213,7 +207,7 @@ def test_bursts_last_until_the_last_one(recording):
     chosen = np.flatnonzero(np.arange(recording.n_pulses) % 64 < 16)
     baseband = recording.baseband.isel(slow_time=chosen)
     rest = recording.with_baseband(baseband, truth=())
-    facts, _ = unpack(make_recording_payload(Run("bursts", "recording", load=lambda: rest), None))
+    facts, _ = unpack(panel.make_recording_payload(Run("bursts", "recording", load=lambda: rest), None))
     prf_hz, n_bursts = recording.radar.prf_hz, -(-recording.n_pulses // 64)
     assert facts["duration_s"] == pytest.approx((chosen[-1] + 1) / prf_hz)
     told = dict(facts["facts"])
@@ -222,7 +216,10 @@ def test_bursts_last_until_the_last_one(recording):
     assert "in bursts" in facts["no_sound"]
     with pytest.raises(AnalysisError, match="in bursts"):  # and nothing about a pitch that a mean rate would not allow
         make_doppler_sound(Frames.of(baseband), Gate.fixed(1.0, 3.0, time_s=baseband["slow_time"]), pitch=4000.0)
-    assert unpack(make_recording_payload(Run("all", "recording", load=lambda: recording), None))[0]["no_sound"] is None
+    assert (
+        unpack(panel.make_recording_payload(Run("all", "recording", load=lambda: recording), None))[0]["no_sound"]
+        is None
+    )
 
 
 def test_clutter_is_what_the_user_asked_for(recording):
@@ -252,12 +249,13 @@ def test_a_request_changes_parameters_of_the_analysis(recording):
     done = run.analysis("track", changes)
     assert (done.cpi_s, done.hop, done.window_steepness, done.gate_span_m) == (0.2, 16, 0.3, 1.2)
     assert done.clutter == "median"
-    facts, _ = unpack(make_recording_payload(run, None, changes=changes))
+    facts, _ = unpack(panel.make_recording_payload(run, None, changes=changes))
     assert facts["analysis"] == {"clutter": "median", "cpi_s": 0.2, "window_steepness": 0.3, "hop": 16}
-    standard, _ = unpack(make_recording_payload(run, None))
+    standard, _ = unpack(panel.make_recording_payload(run, None))
     assert standard["analysis"]["hop"] == 8  # what loses nothing, from 0.1 s at 1000 Hz
     columns = [
-        unpack(make_targets_payload(run, (1.0, 5.0), one))[0]["targets"][0]["signature"]["x"] for one in ((), changes)
+        unpack(panel.make_targets_payload(run, (1.0, 5.0), one))[0]["targets"][0]["signature"]["x"]
+        for one in ((), changes)
     ]
     assert [one["step"] for one in columns] == pytest.approx([0.008, 0.016])
     for name, text, limit in (
@@ -276,7 +274,7 @@ def test_a_change_of_the_analysis_keeps_one_baseband_and_reads_its_levels_once(r
     find = panels.find_strongest_v
     monkeypatch.setattr(panels, "find_strongest_v", lambda baseband: looked.append(1) or find(baseband))
     for cpi_s in (0.1, 0.15, 0.2):
-        make_range_doppler_payload(run, None, start=0, count=1, changes=(("cpi_s", cpi_s),))
+        panel.make_range_doppler_payload(run, None, start=0, count=1, changes=(("cpi_s", cpi_s),))
     assert len(looked) == 1
     first = run.clean_frames(None)
     assert run.clean_frames(None, (("cpi_s", 0.3),)) is first

@@ -56,10 +56,6 @@ def _read(shared: Path, name: str) -> Motion:
     return read(shared / "data" / "mocap" / _rows(shared)[name]["file"], clean=False)
 
 
-def _n_points(name: str) -> int:
-    return POINTS.get(name[-3:], POINTS.get(name[:3], 0))
-
-
 def _path(position: np.ndarray, rate_hz: float, window_s: float) -> np.ndarray:
     """Horizontal path of the mean of all points, averaged over a window, as the manifests were made."""
     width = max(1, round(window_s * rate_hz)) | 1
@@ -78,7 +74,7 @@ def test_recording_has_the_counts_of_its_manifest(shared: Path, name: str) -> No
     row, motion = _rows(shared)[name], _read(shared, name)
     report = motion.report
     assert report["points_in_file"] == int(row["points_in_file"])
-    assert len(motion.markers) == _n_points(name)
+    assert len(motion.markers) == POINTS.get(name[-3:], POINTS.get(name[:3], 0))
     assert len(motion.markers) + sum(map(len, report["dropped"].values())) == report["points_in_file"]
     assert report["metres_per_unit"] == pytest.approx(float(row["metres_per_unit"]), rel=1e-6)
     assert report["up_axis"] == row["up_axis"]

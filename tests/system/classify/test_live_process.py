@@ -88,7 +88,7 @@ def ends_of(process):
 def test_the_service_takes_one_sensor_after_the_other(growing, kind):
     content = growing.read_bytes()
     form = socket.SOCK_STREAM if kind == "tcp" else socket.SOCK_DGRAM
-    parts = [content] if kind == "tcp" else split_records(content)
+    parts = [content] if kind == "tcp" else [b"DGfr" + record for record in content.split(b"DGfr")[1:]]
     with listening("--timeout-s", "3", source=f"{kind}://127.0.0.1:0") as (process, port), ExitStack() as clients:
 
         def connect():
@@ -116,11 +116,6 @@ def test_the_service_takes_one_sensor_after_the_other(growing, kind):
     ]
     assert all(tracks)
     assert not tracks[0] & tracks[1] | tracks[1] & tracks[2]
-
-
-def split_records(content):
-    """The records of frames, each for a datagram."""
-    return [b"DGfr" + record for record in content.split(b"DGfr")[1:]]
 
 
 ENDS = {  # source, what is sent to it, and the status: 0 only for an end that somebody asked for

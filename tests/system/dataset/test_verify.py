@@ -22,28 +22,24 @@ from doppelgait.dataset.finish import LOG, LOG_SUM, SUMS, make_index, write_spli
 from doppelgait.dataset.shard_files import ShardFiles, hash_contents
 from doppelgait.dataset.verify import contents, verify_dataset
 from figure_faults import faults
+from tiny_dataset import TROT, WALK
 
 N = 30
+TARGET = {"range_m": {"uniform": [4, 5]}, "aspect_deg": {"uniform": [-30, 30]}}
 
 
 def small_plan(**changes):
+    dataset = {"name": "small", "examples_per_class": N, "shard_size": 20, "seed": 3}
+    target = {**TARGET, "rcs": {"total_m2": {"log_uniform": [0.2, 1.0]}}}
     table = {
-        "dataset": {"name": "small", "examples_per_class": N, "shard_size": 20, "seed": 3},
-        "classes": [
-            {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.9, 1.6]}}},
-            {"label": "dog", "motion": {"kind": "quadruped", "gait": "trot", "froude": {"uniform": [0.4, 1.2]}}},
-        ],
+        "dataset": dataset,
+        "classes": [{"label": "human", "motion": WALK}, {"label": "dog", "motion": TROT}],
         "scene": {"duration_s": 1.6},
         "radar": {"preset": "x4", "prf_hz": 900},
-        "target": {
-            "range_m": {"uniform": [4, 5]},
-            "aspect_deg": {"uniform": [-30, 30]},
-            "rcs": {"total_m2": {"log_uniform": [0.2, 1.0]}},
-        },
+        "target": target,
         "noise": {"kind": "snr", "snr_db": {"uniform": [12, 25]}},
-        **changes,
     }
-    return validate(PlanConfig, table, where="plan")
+    return validate(PlanConfig, table | changes, where="plan")
 
 
 @pytest.fixture(scope="module")
@@ -399,32 +395,27 @@ def test_an_empty_room_is_allowed_and_judged_without_the_level_of_echoes(tmp_pat
     assert set(found.check("nuisance").numbers) == {"all classes"}
 
 
-def copied(source, target, *, scale=1.0, noise=0.0):
-    """The signature of one row in the place of another's."""
-
-    def change(file, rows):
-        for number, row in enumerate(rows):
-            if row["id"] == target:
-                shaken = 1 + noise * np.random.default_rng(0).standard_normal(source.shape)
-                file["signature"][number] = (source + 10 * np.log10(scale * shaken)).astype(source.dtype)
-
-    return change
-
-
 @pytest.mark.parametrize(("scale", "noise", "how"), [(1.0, 0.0, "identical"), (3.0, 0.02, "0.999")])
 def test_a_signature_in_two_splits_is_found_identical_or_louder(copy, scale, noise, how):
     index = pd.read_parquet(copy / "index.parquet")
     first, last = index[index["split"] == "train"].iloc[4], index[index["split"] == "test"].iloc[2]
     with h5py.File(copy / "shards" / f"{first['shard']}.h5") as file:
         source = file["signature"][first["row"]]
-    tamper(copy, arrays=copied(source, last["id"], scale=scale, noise=noise))
+    shaken = 1 + noise * np.random.default_rng(0).standard_normal(source.shape)
+
+    def replace(file, rows):
+        for number, row in enumerate(rows):
+            if row["id"] == last["id"]:
+                file["signature"][number] = (source + 10 * np.log10(scale * shaken)).astype(source.dtype)
+
+    tamper(copy, arrays=replace)
     found = verify(copy)
     assert failed(found) == {"duplicates"}
     assert f"{first['id']} (train) and {last['id']} (test) {how}" in found.check("duplicates").summary
 
 
 def test_cross_sections_by_body_mass_fail_with_the_key_to_set(tmp_path):
-    plan = small_plan(target={"range_m": {"uniform": [4, 5]}, "aspect_deg": {"uniform": [-30, 30]}})
+    plan = small_plan(target=TARGET)
     with pytest.warns(DoppelgaitWarning, match=r"rcs_total_m2 .*list 'target.rcs' in dataset.leaks"):
         build_dataset(plan, tmp_path / "leaky", executor="serial")
     found = verify(tmp_path / "leaky")

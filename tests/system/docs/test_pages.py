@@ -63,12 +63,8 @@ def cited():
     return found
 
 
-def defined():
-    return [label for page in PAGES for label in re.findall(r"\\tag\{(E-[^}]*)\}", page.read_text())]
-
-
 def test_every_equation_is_there_once_and_cited_and_no_other_is_cited():
-    labels = defined()
+    labels = [label for page in PAGES for label in re.findall(r"\\tag\{(E-[^}]*)\}", page.read_text())]
     assert len(labels) == len(set(labels)) >= 40
     assert set(labels) == cited()
     for path in [*PAGES, *(ROOT / "src").rglob("*.py")]:  # comments, too
@@ -239,14 +235,9 @@ def test_links_between_pages_lead_somewhere():
             file = (page.parent / name).resolve() if name else page
             assert file.exists(), f"{page.name}: {target} is not in a clone"
             if anchor and file.suffix == ".md":
-                assert anchor in {_anchor(line) for line in file.read_text().split("\n") if line.startswith("#")}, (
-                    target
-                )
-
-
-def _anchor(heading):
-    words = re.sub(r"[^\w\- ]", "", heading.lstrip("#").strip().lower())
-    return words.replace(" ", "-")
+                headings = [line.lstrip("#").strip() for line in file.read_text().split("\n") if line.startswith("#")]
+                anchors = [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings]
+                assert anchor in anchors, target
 
 
 def test_publishing_keeps_the_versions_and_names_the_newest(tmp_path):

@@ -302,12 +302,6 @@ def test_why_there_is_no_recording_is_told_and_the_arrays_are_shown(dataset):
         assert view.result.gate_limits is None
 
 
-def replanned(dataset, **sections):
-    """Browser of a dataset whose plan was tampered with."""
-    config = dataset.description["config"]
-    return changed(dataset, config={**config, **{name: {**config[name], **facts} for name, facts in sections.items()}})
-
-
 @pytest.mark.parametrize("sections", [
     {"scene": {"duration_s": 3600.0}},
     {"scene": {"duration_s": 400.0}, "radar": {"prf_hz": 1.0}},
@@ -319,7 +313,9 @@ def test_what_is_too_large_is_not_simulated(dataset, monkeypatch, sections):
         raise AssertionError("was simulated")
 
     monkeypatch.setattr("doppelgait.viewer.examples.run_simulation", never)
-    run = replanned(dataset, **sections).run("human-000002")
+    config = dataset.description["config"]
+    tampered = {**config, **{name: {**config[name], **facts} for name, facts in sections.items()}}
+    run = changed(dataset, config=tampered).run("human-000002")
     assert run.recording is None
     assert "too large to simulate here" in run.reason
     assert run.targets(None)[0].result.signature is not None
