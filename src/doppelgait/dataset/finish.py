@@ -251,7 +251,7 @@ class _Numbers(BaseModel, strict=True):
 
 
 class StatedPlan(BaseModel, strict=True):
-    """What readers rely on of a plan; the rest is needed only to simulate an example again."""
+    """Plan, as far as readers rely on it; the rest serves to simulate an example again."""
 
     dataset: _Numbers
     classes: list[_Section] = []
