@@ -128,9 +128,14 @@ def train_network(
                 best, best_loss = copy.deepcopy(model.state_dict()), of_held
             if since >= settings.patience:
                 break
+    return read_model(best, spec)
+
+
+def read_model(state: Mapping[str, Any], spec: Patch) -> Network:
+    # the network as plain arrays
     last = f"{4 * len(CHANNELS) + 3}"
-    weight, bias = (best[f"{last}.{name}"].cpu().contiguous().numpy() for name in ("weight", "bias"))
-    return Network(*_read_layers(best, len(CHANNELS)), weight, bias, spec)
+    weight, bias = (state[f"{last}.{name}"].cpu().contiguous().numpy() for name in ("weight", "bias"))
+    return Network(*_read_layers(state, len(CHANNELS)), weight, bias, spec)
 
 
 def _build_layers(nn: Any, channels: Sequence[int]) -> list[Any]:

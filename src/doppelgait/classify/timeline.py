@@ -290,11 +290,6 @@ def classify_over_time(
     ConfigError
         If window or hop are not allowed, or no shipped model fits.
 
-    See Also
-    --------
-    join_decisions : join the decisions of a track to spans of one class.
-    doppelgait.live : classify while the frames arrive.
-
     Examples
     --------
     >>> import doppelgait as dg
