@@ -128,10 +128,10 @@ def train_network(
                 best, best_loss = copy.deepcopy(model.state_dict()), of_held
             if since >= settings.patience:
                 break
-    return read_model(best, spec)
+    return _read_model(best, spec)
 
 
-def read_model(state: Mapping[str, Any], spec: Patch) -> Network:
+def _read_model(state: Mapping[str, Any], spec: Patch) -> Network:
     # the network as plain arrays
     last = f"{4 * len(CHANNELS) + 3}"
     weight, bias = (state[f"{last}.{name}"].cpu().contiguous().numpy() for name in ("weight", "bias"))
