@@ -86,7 +86,9 @@ def test_an_array_that_fills_the_memory_is_not_read(tmp_path):
 
 @pytest.mark.parametrize(
     "change",
-    [{"shard": None}, {"bytes": []}, {"rows": [{}]}, {"rows": [{"label": ["a"]}]}, {"failures": {}}, {"sha256": 3}],
+    [{"shard": None}, {"bytes": []}, {"failures": {}}, {"sha256": 3}]
+    + [{"rows": [row]} for row in ({}, {"label": ["a"]}, {"label": "a", "scene_id": [1]})]
+    + [{"failures": [{key: 1}]} for key in ("id", "reason")],
 )
 def test_a_damaged_record_is_one_error(tmp_path, change):
     record = {"shard": "a", "sha256": "b", "bytes": 1, "failures": [], "rows": [{"label": "human"}]}

@@ -174,6 +174,9 @@ def hold_back(rows: Rows, learn: IntArray, seed: int) -> Iterator[tuple[IntArray
         return
     splitter = StratifiedGroupKFold(HELD_FOLDS, shuffle=True, random_state=seed)
     for train, held in splitter.split(labels, labels, groups):
+        # a subject can be in several kinds
+        train = train[~np.isin(rows.groups[learn[train]], rows.groups[learn[held]])]
+        _check_all_classes(rows, learn[train], "what is not held back for calibration")
         yield learn[train], learn[held]
 
 

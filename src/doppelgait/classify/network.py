@@ -230,12 +230,7 @@ def _read_layers(
 
 @plugin("classifier", "track-network", features="track", learner="track")
 def train_track_network(
-    train: LabelledRows,
-    held: LabelledRows,
-    *,
-    n_classes: int,
-    seed: int,
-    epochs: int = 12,
+    train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int, epochs: int = 12
 ) -> TrackNetwork:
     """Train a network on the windows of tracks: every answer after a window counts.
 
@@ -283,12 +278,7 @@ def _build_track_model(torch: Any, n_columns: int, n_classes: int) -> Any:
 
 
 def _train_tracks(
-    torch: Any,
-    model: Any,
-    columns: Levels,
-    train: LabelledRows,
-    rng: np.random.Generator,
-    epochs: int,
+    torch: Any, model: Any, columns: Levels, train: LabelledRows, rng: np.random.Generator, epochs: int
 ) -> None:
     seen = train.values[:, -1]
     whole, _ = find_windows_before(seen.tolist())

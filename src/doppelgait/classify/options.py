@@ -54,6 +54,13 @@ class Options:
     seed: Annotated[int, "Seed of folds, training and confidence intervals, 0 or more."] = 0
 
     def __post_init__(self) -> None:
+        from pydantic import TypeAdapter, ValidationError
+
+        for name, kind in get_type_hints(Options).items():
+            try:
+                object.__setattr__(self, name, TypeAdapter(kind).validate_python(value := getattr(self, name)))
+            except ValidationError:
+                raise ConfigError(f"{name}: {value!r:.80} is not allowed; must be {formatannotation(kind)}") from None
         given = [flag for name, flag in FLAGS.items() if getattr(self, name) is not None]
         for flag in ("--adapt", "--unknown"):
             if flag in given and {"--cv", "--leave-out"} & {*given}:

@@ -10,7 +10,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeFloat, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel, apply_overrides, read_toml, validate
 from doppelgait.core.errors import ConfigError
@@ -57,7 +57,8 @@ def _format_value(value: Any) -> str:
 
 
 SCENE_KEYS = tuple(name for name in Scene.model_fields if name != "targets")
-SPLITS = ("train", "validation", "test")
+Split = Literal["train", "validation", "test"]
+SPLITS: tuple[Split, ...] = ("train", "validation", "test")
 Progress = Callable[[int, int], None]
 """Function that is told how many are done, of how many."""
 MAX_SHARDS = 200_000  # maximum number of shards of a dataset; each shard has two files
@@ -172,6 +173,15 @@ class SourceSection(FrozenModel):
         return subject
 
 
+def _sum_to_one(shares: dict[Split, float]) -> dict[Split, float]:
+    if abs(sum(shares.values()) - 1.0) > 1e-9:
+        raise ValueError(f"shares must sum to 1, not {sum(shares.values()):g}; a split that is not stated has no share")
+    return shares
+
+
+Shares = Annotated[dict[Split, NonNegativeFloat], AfterValidator(_sum_to_one)]
+
+
 class DatasetSection(FrozenModel):
     """``[dataset]``: size, seed, splits and stored arrays.
 
@@ -199,7 +209,7 @@ class DatasetSection(FrozenModel):
     name: str = Field(max_length=200)
     seed: int = Field(default=2018, ge=0)
     examples_per_class: int = Field(ge=1, le=10_000_000)
-    fractions: dict[str, float] = Field(default_factory=lambda: {"train": 0.7, "validation": 0.15, "test": 0.15})
+    fractions: Shares = Field(default_factory=lambda: dict(zip(SPLITS, (0.7, 0.15, 0.15), strict=True)))
     split: SplitSection = SplitSection()
     shard_size: int = Field(default=50, ge=1, le=100_000)
     gate: Literal["truth", "track"] = "truth"
@@ -223,19 +233,6 @@ class DatasetSection(FrozenModel):
             if leak not in LEAKS:
                 raise ValueError(f"{leak!r} is not one of {', '.join(LEAKS)}")
         return leaks
-
-    @field_validator("fractions")
-    @classmethod
-    def _are_shares(cls, fractions: dict[str, float]) -> dict[str, float]:
-        if set(fractions) - set(SPLITS) or any(v < 0 for v in fractions.values()):
-            raise ValueError(f"must have shares of 0 or more for {', '.join(SPLITS)} only")
-        return _sum_to_one(fractions)
-
-
-def _sum_to_one(shares: dict[str, float]) -> dict[str, float]:
-    if abs(sum(shares.values()) - 1.0) > 1e-9:
-        raise ValueError(f"shares must sum to 1, not {sum(shares.values()):g}; a split that is not stated has no share")
-    return shares
 
 
 def _check_label(label: str) -> str:
@@ -262,14 +259,9 @@ class ClassSection(FrozenModel):
     """
 
     label: Label
-    motion: dict[str, Any]
+    motion: Annotated[dict[str, Any], BeforeValidator(lambda stated: {"kind": "none"} if stated == "none" else stated)]
     target: dict[str, Any] = Field(default_factory=dict)
     examples: int | None = Field(default=None, ge=1, le=10_000_000)
-
-    @field_validator("motion", mode="before")
-    @classmethod
-    def _parse_none(cls, motion: Any) -> Any:
-        return {"kind": "none"} if motion == "none" else motion
 
 
 class EpisodeSection(FrozenModel):
@@ -458,7 +450,7 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
         with resources.as_file(resources.files("doppelgait.dataset") / "plans" / f"{name}.toml") as path:
             table, text = read_toml(path)
         folder = Path.cwd()
-    elif Path(name).is_file():
+    elif name and Path(name).exists():
         table, text = read_toml(name)
         folder = Path(name).resolve().parent
     else:
@@ -467,7 +459,6 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
 
 
 FIELDS_OF_RECORDINGS = ("signature", "cadence_map", "ti_frames", "baseband")
-Split = Literal["train", "validation", "test"]
 
 
 def parse_gate(value: Any, *, where: str = "") -> GateChoice:

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import BaseModel, NonNegativeInt
+from pydantic import BaseModel, NonNegativeInt, ValidationError
 
 from doppelgait import __version__
 from doppelgait.core.config import format_canonical_json, validate
@@ -68,7 +68,7 @@ def compute_dataset_id(plan: PlanConfig, folder: Path) -> str:
     contents: dict[str, bytes] = {}
     for path in list_motion_files(list_motions(plan)):
         try:
-            contents[path] = hashlib.sha256((folder / path).read_bytes()).digest()
+            contents[path] = bytes.fromhex(hash_file(folder / path))
         except OSError as error:
             raise ConfigError(f"motion file {path}: cannot be read: {error}") from None
 
@@ -188,16 +188,13 @@ def write_sums(target: Path, shards: Mapping[str, str]) -> None:
     hashes = {f"shards/{name}.h5": sha256 for name, sha256 in shards.items()}
     for name in (*SINGLE_FILES, *(f"shards/{name}.json" for name in shards)):
         hashes[name] = hash_file(target / name)
+    (target / LOG).touch()  # empty if it was lost
     log_sum = ""
-    while log_sum != (log_sum := format_log_sum(target)):  # another part may write to the log meanwhile
+    while log_sum != (
+        log_sum := format_checksums({LOG: hash_file(target / LOG)})
+    ):  # another part may write to the log meanwhile
         write_atomically(target / LOG_SUM, log_sum.encode())
     write_atomically(target / SUMS, format_checksums(hashes).encode())
-
-
-def format_log_sum(target: Path) -> str:
-    """Format the hash of the log, "" without one."""
-    log = target / LOG
-    return format_checksums({LOG: hash_file(log)}) if log.exists() else ""
 
 
 def format_checksums(hashes: Mapping[str, str]) -> str:
@@ -334,7 +331,25 @@ def list_shard_names(counts: Mapping[str, int]) -> list[str]:
     return [f"{split}-{n:05d}-of-{count:05d}" for split, count in counts.items() for n in range(count)]
 
 
-RECORD_KINDS = {"shard": str, "sha256": str, "rows": list, "bytes": int, "failures": list, "contents_sha256": str}
+class _Failure(BaseModel, strict=True):
+    id: str = ""
+    scene_id: str = ""
+    reason: str = ""
+
+
+class _Row(_Failure):
+    label: str
+
+
+class StatedRecord(BaseModel, strict=True):
+    """Record of a shard, as far as every reader relies on it."""
+
+    shard: str
+    sha256: str
+    rows: list[_Row]
+    bytes: int
+    failures: list[_Failure]
+    contents_sha256: str = ""  # datasets of version 0.1 have none
 
 
 def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
@@ -347,18 +362,14 @@ def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
 def read_record(path: Path) -> Record:
     """Read the record of a shard."""
     record = parse_json(read_document(path))
-    fault = "record"
-    if isinstance(record, Mapping):
-        record = {"contents_sha256": "", **record}  # datasets of version 0.1 have none
-        fault = next((key for key, kind in RECORD_KINDS.items() if type(record.get(key)) is not kind), "")
-        rows = () if fault else record["rows"]
-        if not all(isinstance(row, Mapping) and isinstance(row.get("label"), str) for row in rows):
-            fault = "rows"
-        if not fault and not all(isinstance(failure, Mapping) for failure in record["failures"]):
-            fault = "failures"
-    if fault:
-        raise DatasetError(f"{path}: {fault} is missing or damaged; remove the shard and build the dataset again")
-    return cast("Record", record)
+    try:
+        StatedRecord.model_validate(record)
+    except ValidationError as error:
+        fault = next(iter(error.errors()[0]["loc"]), "record")
+        raise DatasetError(
+            f"{path}: {fault} is missing or damaged; remove the shard and build the dataset again"
+        ) from None
+    return {"contents_sha256": "", **record}
 
 
 def find_shard(

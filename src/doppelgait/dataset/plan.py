@@ -194,8 +194,7 @@ def plan_entries(entries: Sequence[LabelEntry], config: ImportConfig, labels: st
         members: dict[str, dict[str, None]] = {}
         for entry, group in zip(entries, groups, strict=True):
             members.setdefault(entry.label, {})[group] = None
-        shares = {str(name): share for name, share in wanted.items()}
-        section = DatasetSection(name="imported", examples_per_class=1, seed=config.seed, fractions=shares)
+        section = DatasetSection(name="imported", examples_per_class=1, seed=config.seed, fractions=wanted)
         try:
             of_group = assign_splits(section, members)
         except DatasetError as error:

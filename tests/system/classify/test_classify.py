@@ -232,6 +232,8 @@ def test_calibration_holds_back_kinds_of_episode():
     held = [{kinds[number] for number in turn} for turn in turns]
     assert sum(map(len, held)) == len(set.union(*held)) == len(set(kinds))
     assert np.array_equal(np.sort(np.concatenate(turns)), np.arange(len(rows)))
+    for train, held_back in hold_back(rows, np.arange(len(rows)), 0):
+        assert not {*rows.groups[train]} & {*rows.groups[held_back]}
 
 
 def test_a_dataset_that_was_split_by_row_is_refused():
@@ -334,6 +336,7 @@ def wrong_datasets():
         (made_up(), {"left_out": "colour"}, "no such column"),
         (made_up(), {"left_out": "source"}, "has 1 values"),
         (made_up(), {"left_out": "source", "n_folds": 3}, "use one of them"),
+        (made_up(), {"n_folds": "x"}, r"n_folds: 'x' is not allowed; must be int \| None"),
         (made_up(), {"models": ["signature-network"]}, "torch|keeps no 'signature'"),
         (made_up(), {"own": own, "other": own}, "--adapt and --test: use one of them"),
         (made_up(), {"own": own, "n_folds": 3}, "--adapt: needs one model for all rows"),

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, OutputError
 from doppelgait.dataset.config import Progress
 from doppelgait.dataset.finish import (
     DATA_VERSION,
@@ -150,10 +150,12 @@ def verify_dataset(
             checks.append(replace(obstacle or row.find(contents), name=row.name))
             total += len(contents.chosen) if row.name == "rows" else 0
         except Exception as error:
-            if not checks or checks[0].status == "passed":
+            start = "the check stopped"
+            if checks and checks[0].status != "passed":
+                start = "files are damaged, and the check stopped at it"
+            elif not isinstance(error, OSError | DoppelgaitError):
                 raise
-            words = f"files are damaged, and the check stopped at it: {error}"
-            checks.append(Check("failed", words, name=row.name))
+            checks.append(Check("failed", f"{start}: {error}", name=row.name))
     pages = plot_sheets(contents, figures, rng, figure_format) if figures is not None else []
     return Verification(
         directory=target,

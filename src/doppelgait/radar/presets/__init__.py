@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from copy import deepcopy
 from functools import lru_cache
@@ -101,8 +102,7 @@ def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 def _parse_built_in(name: str) -> dict[str, Any]:
     """Parse the table of a built-in preset once. Planning needs it for every example."""
     if name not in (names := list_preset_names()):
-        raise ConfigError(
-            f"unknown radar preset {name!r}; known are: {', '.join(names)}; or give the path of a file that ends in "
-            ".toml"
-        )
+        is_odd = os.path.exists(name) and not os.path.isfile(name)
+        words = f"{name!r} is no regular file" if is_odd else f"unknown radar preset {name!r}"
+        raise ConfigError(f"{words}; known are: {', '.join(names)}; or give the path of a file that ends in .toml")
     return read_toml(Path(__file__).with_name(f"{name}.toml"))[0]
