@@ -222,18 +222,19 @@ def test_targets_stay_on_one_side():
     assert np.array_equal(tested, np.arange(len(rows)))
 
 
-def test_calibration_holds_back_kinds_of_episode():
+@pytest.mark.parametrize("crossed", [False, True])
+def test_calibration_holds_back_kinds_of_episode_or_subjects_that_are_in_several(crossed):
     dataset = made_up()
+    if not crossed:
+        dataset.index["subject"] = dataset.index["group"] = [f"model/{k}" for k in range(len(dataset.index))]
     kinds = [f"{label}_{number % 12}" for number, label in enumerate(dataset.index["label"])]
     dataset.index["scene_id"] = [f"{kind}-{number:06d}" for number, kind in enumerate(kinds)]
     dataset.description["config"] = {"episodes": [{}]}
     rows = collect_rows(dataset)
-    turns = [held for _, held in hold_back(rows, np.arange(len(rows)), 0)]
-    held = [{kinds[number] for number in turn} for turn in turns]
-    assert sum(map(len, held)) == len(set.union(*held)) == len(set(kinds))
-    assert np.array_equal(np.sort(np.concatenate(turns)), np.arange(len(rows)))
-    for train, held_back in hold_back(rows, np.arange(len(rows)), 0):
-        assert not {*rows.groups[train]} & {*rows.groups[held_back]}
+    names = rows.groups if crossed else np.array(kinds)
+    turns = list(hold_back(rows, np.arange(len(rows)), 0))
+    assert np.array_equal(np.sort(np.concatenate([held for _, held in turns])), np.arange(len(rows)))
+    assert not any({*names[train]} & {*names[held]} for train, held in turns)
 
 
 def test_a_dataset_that_was_split_by_row_is_refused():
