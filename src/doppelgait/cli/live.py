@@ -186,7 +186,7 @@ def live(
     unused = [option for option, is_set in asked.items() if is_set and not view]
     if unused:
         raise ConfigError(f"{unused[0]}: has no effect without --view; add --view to see the page, or leave it out")
-    wrong_s = [value for value in (window_s, hop_s) if value is not None and not 0.05 <= value <= 600.0]
+    wrong_s = [one for one in (window_s, hop_s) if one is not None and not 0.05 <= one <= 600.0]
     if wrong_s or (hop_s or 0.0) > (window_s or 600.0):
         raise ConfigError(f"--window-s {window_s}, --hop-s {hop_s}: 0.05 to 600 s is allowed, a hop up to the window")
     is_sensor = source.startswith(("tcp://", "udp://"))  # does not wait for the reader

@@ -43,7 +43,7 @@ LOCAL = "127.0.0.1"
 CHUNK_BYTES = 1 << 16
 POLL_S = 0.05
 """Polling interval, s, of a file that does not grow, and of the closed state of a stream."""
-MAX_QUEUE_BYTES, MAX_RATE = 1 << 28, 1 << 25  # the rate in bytes/s: windows must fit memory
+MAX_QUEUE_BYTES, MAX_RATE = 1 << 28, 1 << 25  # bytes; bytes per second
 SILENT_S = 1.0
 """Time without a frame, s, after which another sender may take the place of a sensor."""
 MAX_CLIENTS = 16
@@ -139,7 +139,7 @@ class Stream:
         if self._header is None:
             fault = "".join(f"; {text}" for text in self._unsaid)
             error = RecordingError(self._error or f"{self.source}: ended without a header{fault}")
-            error.exit_code = 2 if self.listener is None else 1  # a sensor failed, the command is right
+            error.exit_code = 2 if self.listener is None else 1  # a sensor failed
             raise error
         return self._header
 
@@ -381,7 +381,7 @@ class _Clock:
     def __init__(self, radar: Radar) -> None:
         self._radar = radar
         self._ahead_s = self._time_s = 0.0
-        self._zero = 0  # counter of the time 0, an integer: counters need not fit a float
+        self._zero = 0  # counter of time 0: an integer, as floats are too short
         self._last: tuple[int, float] | None = None
         self._every = max(1, round(RECENT_S * radar.prf_hz / MAX_RECENT))
         self._recent: deque[tuple[int, float]] = deque(maxlen=max(2, round(RECENT_S * radar.prf_hz / self._every)))
@@ -455,7 +455,7 @@ def open_stream(
         Time without new data after which a file or sender counts as stopped; 0 reads a file to its
         present end. The wait for the first sender is not limited.
     queue_s : float
-        Duration of the frames that the queue holds; if it is full, files wait, sockets drop the oldest.
+        Duration of the frames that the queue holds; if full, files wait, sockets drop the oldest.
     once : bool
         For sockets. True ends with the first TCP connection, or with the first sender of datagrams. False drops who
         sends no header or no frame for ``timeout_s``, and takes the next; after the end of a sender, ``next_run()`` of
@@ -474,8 +474,8 @@ def open_stream(
     Raises
     ------
     RecordingError
-        If the file does not exist, or the socket cannot be opened; later, for frames of another radar.
-        Lost and damaged frames and jumps are counted, with one :class:`DoppelgaitWarning` of each kind.
+        If a file does not exist, or a socket cannot be opened; later, for another radar's frames.
+        Lost and damaged frames and jumps are counted: one :class:`DoppelgaitWarning` each.
     ConfigError
         If the source or a time is not allowed.
     """
@@ -706,7 +706,7 @@ class _Listener:
         if speaks and stream.counts.refused:  # the first one is parsed, for the message
             stream.counts.refused += 1
             return
-        if key not in self._clients and not self._is_tcp:  # a connection may just have been dropped
+        if key not in self._clients and not self._is_tcp:
             self._add(key, key, stream)
         if (client := self._clients.get(key)) is None:
             return
