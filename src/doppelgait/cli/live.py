@@ -30,8 +30,6 @@ STATUS_S = 60.0
 """Interval, s of radar time, between lines on the stream's state while no frame is lost."""
 MAX_QUEUED, QUEUE_IS_FULL, END_S = 1000, 15, 2.0
 """Lines that wait for a broker, the answer to further ones, and the longest wait, s, at the end."""
-SENSORS = ("tcp://", "udp://")
-"""Prefixes of the sources that do not wait for the reader."""
 
 
 class MqttSink:
@@ -46,11 +44,12 @@ class MqttSink:
         try:
             parts = urlsplit(url)
             port = parts.port or {"mqtt": 1883, "mqtts": 8883}[parts.scheme]
-            if not parts.hostname or not (topic := parts.path.strip("/")) or {"+", "#"} & {*url}:
+            if not parts.hostname or not (topic := parts.path.strip("/")) or {*"+#@?"} & {*url}:
                 raise ValueError
         except (KeyError, ValueError):
             raise ConfigError(
-                f"--mqtt {url}: must be mqtt://HOST/TOPIC or mqtts://HOST/TOPIC, with :PORT if it is another one"
+                f"--mqtt {url.rpartition('@')[2].partition('?')[0]}: must be mqtt://HOST/TOPIC or mqtts://HOST/TOPIC, "
+                "with :PORT if it is another one; MQTT_USERNAME and MQTT_PASSWORD have name and password"
             ) from None
         self._url, self._topic, self.lost, self._was_said = url, topic, 0, False
         self._client = paho.Client(CallbackAPIVersion.VERSION2)
@@ -123,8 +122,7 @@ class DecisionLog:
 
     def _append(self, content: bytes) -> None:
         """Append and sync, undoing a failed write."""
-        size = os.fstat(self._file).st_size  # another program may have truncated the file, or written to it
-        done = 0
+        size, done = os.fstat(self._file).st_size, 0  # another program may have truncated it, or written to it
         try:
             while done < len(content):
                 done += os.write(self._file, content[done:])
@@ -188,7 +186,10 @@ def live(
     unused = [option for option, is_set in asked.items() if is_set and not view]
     if unused:
         raise ConfigError(f"{unused[0]}: has no effect without --view; add --view to see the page, or leave it out")
-    is_sensor = source.startswith(SENSORS)
+    wrong_s = [one for one in (window_s, hop_s) if one is not None and not 0.05 <= one <= 600.0]
+    if wrong_s or (hop_s or 0.0) > (window_s or 600.0):
+        raise ConfigError(f"--window-s {window_s}, --hop-s {hop_s}: 0.05 to 600 s is allowed, a hop up to the window")
+    is_sensor = source.startswith(("tcp://", "udp://"))  # does not wait for the reader
     is_service = is_sensor and not once
     own = None if model is None else open_model(model)
     kept = None if log is None else DecisionLog(log)
@@ -197,9 +198,11 @@ def live(
         stream = open_stream(source, timeout_s=timeout_s, once=not is_service, **apply_overrides({}, options or []))
         ends.callback(lambda: stream.close())
         print_message(f"listening: {stream.source}")
-        page, run, first_track, explained = None, 0, 0, False
+        page, run, next_track, explained = None, 0, 0, False
 
         def put(kind: str, facts: Mapping[str, Any]) -> None:
+            nonlocal next_track
+            next_track = max(next_track, facts.get("track", -1) + 1)
             numbered = {"kind": kind, "run": run, **facts} if is_service else {"kind": kind, **facts}
             line = json.dumps(convert_to_json(numbered), allow_nan=False)
             if kept is not None:
@@ -209,17 +212,16 @@ def live(
             print(line, flush=True)
 
         while True:
-            radar = stream.radar  # waits for a sensor
             try:
+                radar = stream.radar  # waits for a sensor
                 loaded = (own or load_model_for_radar(radar)).of_tracks
                 if view and page is None:
                     page = Rolling(stream.source, radar.name, loaded)
                     url = ends.enter_context(serve_live(page, port or 0))
                     print_message(f"page: {url}")
                     ends.enter_context(nullcontext() if no_browser else open_in_browser(url))
-                ranges_m = stream.range_m
                 running = run_live(
-                    stream, radar, loaded, window_s=window_s, hop_s=hop_s, range_m=ranges_m, skip=is_sensor
+                    stream, radar, loaded, window_s=window_s, hop_s=hop_s, range_m=stream.range_m, skip=is_sensor
                 )
                 facts = {"source": stream.source, "radar": radar.name, "carrier_hz": radar.carrier_hz}
                 facts |= {"prf_hz": radar.prf_hz, "model": describe_model(loaded, model)}
@@ -227,7 +229,7 @@ def live(
                 if not explained:
                     explain_model(loaded, model)
                 explained = True
-                first_track = _follow(stream, running, put, page, first_track)
+                _follow(stream, running, put, page, next_track)
             except (DoppelgaitError, MemoryError) as error:
                 if not is_service or isinstance(error, OutputError):
                     raise
@@ -244,8 +246,8 @@ def live(
 
 def _follow(
     stream: Stream, running: Live, put: Callable[[str, Mapping[str, Any]], None], page: Rolling | None, first_track: int
-) -> int:
-    """Print the decisions of one run; return the number of the next track."""
+) -> None:
+    """Print the decisions of one run, with tracks from a number on."""
 
     def count_losses() -> list[int]:
         facts = [*running.counts.as_dict().items(), *asdict(stream.counts).items()]
@@ -254,7 +256,7 @@ def _follow(
     def state() -> dict[str, Any]:
         return {**running.counts.as_dict(), "stream": asdict(stream.counts)}
 
-    said_s, lost, reason, next_track = float("-inf"), count_losses(), "stopped", first_track
+    said_s, lost, reason = float("-inf"), count_losses(), "stopped"
     began_s, clock_s = None, process_time()
     try:
         with stop_in_order():
@@ -262,7 +264,6 @@ def _follow(
                 numbered = [replace(one, track=one.track + first_track) for one in decisions]
                 for decision in numbered:
                     put("decision", decision.as_dict())
-                    next_track = max(next_track, decision.track + 1)
                 if page is not None:
                     began_s = window.start_s if began_s is None else began_s
                     share = (process_time() - clock_s) / (window.stop_s - began_s)
@@ -280,4 +281,3 @@ def _follow(
         print_message(stream.summary())
         if page is not None:
             page.end(reason, state())
-    return next_track

@@ -40,8 +40,8 @@ def print_text(text: str = "", end: str = "\n") -> None:
 
 
 def print_message(text: str) -> None:
-    """Print a status line on standard error."""
-    print(escape_controls(text), file=sys.stderr)
+    """Print a status line on standard error; threads do not mix their lines."""
+    print(f"{escape_controls(text)}\n", end="", file=sys.stderr)
 
 
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
@@ -118,8 +118,7 @@ def report_progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int
 
 @contextmanager
 def _report_tenths(what: str) -> Iterator[Callable[[int, int], None]]:
-    began = monotonic()
-    last_tenth = 0
+    began, last_tenth = monotonic(), 0
 
     def print_tenth(done: int, total: int) -> None:
         nonlocal last_tenth

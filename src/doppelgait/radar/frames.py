@@ -41,8 +41,9 @@ CHUNK_BYTES = 1 << 16
 EFFORT, CHECK_COST, MAX_CREDIT = 32, 8192, 1 << 24
 """Bytes of checksums of damaged records that a received byte pays for, the further cost of each such record in the same
 unit (0.3 ns), and what is saved up: damage costs at most 0.05 s of processor per megabyte."""
-LARGEST_GAP = 1_000_000
-"""Maximum gap of the frame counter; a larger jump is a restart of the counter."""
+LARGEST_GAP, LARGEST_CLOCK_S, LARGEST_V = 1_000_000, 1e10, 1e30
+"""Maximum gap of the frame counter; a larger jump is a restart of the counter. Times beyond the second count as
+unknown, frames with samples beyond the third as malformed."""
 FACTS = ("carrier_hz", "prf_hz", "bin_spacing_m", "range_start_m", "range_bins")
 SAME = 1e-6
 """Maximum relative difference of equal values in two headers."""
@@ -194,11 +195,11 @@ class FrameParser:
             self.ended = True
         elif kind == FRAME:
             row = np.frombuffer(payload, dtype="<c8", offset=STAMP.size)
-            if np.isfinite(row).all():
+            if (np.abs(row.view("<f4")) <= LARGEST_V).all():
                 counter, clock_s = STAMP.unpack_from(payload)
-                yield Frame(counter, clock_s, row)
+                yield Frame(counter, clock_s if abs(clock_s) <= LARGEST_CLOCK_S else math.nan, row)
             else:
-                self._count("a frame with NaN or infinite values")
+                self._count(f"a frame with values that are NaN or above {LARGEST_V:g} V")
         elif payload != self._header_payload:
             self.header, self._header_payload = parse_header(payload, self.where), payload
             self._plausible = compile_heads(self.header.range_m.size)
@@ -272,8 +273,9 @@ agreement of both halves without which the clock was set, or stands for blocks o
 
 def find_rate_hz(radar: Radar, stamps: Iterable[tuple[int, float]]) -> tuple[float, str]:
     """Return the rate that a radar states, or that of the sender's clock where it differs over seconds, and doubts."""
-    stated_hz, table = radar.prf_hz, np.array(list(stamps), dtype=np.float64).reshape(-1, 2)
-    numbers, clock_s = table[:, 0].astype(np.int64), table[:, 1]
+    stated_hz, pairs = radar.prf_hz, list(stamps)
+    table = np.array([(number - pairs[0][0], time_s) for number, time_s in pairs], dtype=np.float64).reshape(-1, 2)
+    numbers, clock_s = table[:, 0].clip(-1e15, 1e15).astype(np.int64), table[:, 1]
     if radar.burst_pulses is not None or clock_s.size < 8 or not np.isfinite(clock_s).all():
         return stated_hz, ""
     if np.ptp(clock_s) < SETTLE_S or (np.diff(numbers) < 1).any():

@@ -382,7 +382,9 @@ def _count_on_raster(stamps: FloatArray, tick_s: float) -> IntArray | None:
     mean_hz = float(np.median([(block.size - 1) / max(np.ptp(block), step_s) for block in every]))
     bin_s = 1.0 / (8.0 * MAX_LOSS * mean_hz)
     size = fft.next_fast_len(4 * int(max(map(np.ptp, shown)) / bin_s + 1))
-    share = np.mean([np.abs(fft.rfft(_count_stamps(block, bin_s), size)) for block in shown], axis=0)
+    bins = [np.round((block - block.min()) / bin_s).astype(int) for block in shown]
+    shares = [np.bincount(each, np.hanning(each.size)) / (0.5 * each.size) for each in bins]
+    share = np.mean([np.abs(fft.rfft(each, size)) for each in shares], axis=0)
     raster_hz = np.arange(share.size) / (size * bin_s)
     highest_hz = min(MAX_LOSS * mean_hz, MAX_TICK / tick_s if tick_s else np.inf)
     share[(raster_hz < 0.985 * mean_hz) | (raster_hz > highest_hz)] = 0.0
@@ -394,12 +396,6 @@ def _count_on_raster(stamps: FloatArray, tick_s: float) -> IntArray | None:
     tried = [_number_on(float(raster_hz[peak]), stamps, runs, blocks, tick_s) for peak in peaks[:MAX_PEAKS]]
     least = min((off for _, off in tried), default=np.inf)
     return next(number for number, off in tried if off <= 1.2 * least + EQUAL_OFF) if least <= MAX_OFF else None
-
-
-def _count_stamps(stamps: FloatArray, bin_s: float) -> FloatArray:
-    """Return the share of stamps in every bin of time, under a Hann window."""
-    bins = np.round((stamps - stamps.min()) / bin_s).astype(int)
-    return np.asarray(np.bincount(bins, np.hanning(stamps.size)) / (0.5 * stamps.size))
 
 
 def _number_on(

@@ -43,7 +43,7 @@ LOCAL = "127.0.0.1"
 CHUNK_BYTES = 1 << 16
 POLL_S = 0.05
 """Polling interval, s, of a file that does not grow, and of the closed state of a stream."""
-MAX_QUEUE_BYTES = 1 << 28
+MAX_QUEUE_BYTES, MAX_RATE = 1 << 28, 1 << 25  # bytes; bytes per second
 SILENT_S = 1.0
 """Time without a frame, s, after which another sender may take the place of a sensor."""
 MAX_CLIENTS = 16
@@ -89,8 +89,6 @@ class Stream:
     source : str
         Name of the source; for a socket it includes the chosen port.
     counts : Counts
-    waiting : list of Frame
-        First frames, until their times show the sender's rate.
     reason : str
         Why the stream ended.
     complete : bool
@@ -112,7 +110,7 @@ class Stream:
         self._expect, self.listener = expect, listener
         self._queue_s, self._size = queue_s, 1
         self._header: Header | None = None
-        self._opening: Header | None = None
+        self._opening: Header | None = None  # as sent
         self.waiting: list[Frame] = []  # until their times show the true rate
         self._sorter: _Sorter | None = None
         self._clock: _Clock | None = None
@@ -133,13 +131,21 @@ class Stream:
         return self._wait_for_header().range_m
 
     def _wait_for_header(self) -> Header:
-        with self._changed:
-            while self._header is None and not self._ended:
+        while self._header is None and not self._ended:
+            with self._changed:
                 self._changed.wait(POLL_S)
-            if self._header is None:
-                fault = "".join(f"; {text}" for text in self._unsaid)
-                raise RecordingError(self._error or f"{self.source}: ended without a header{fault}")
-            return self._header
+            if self.listener is not None:  # the error of a file has its messages
+                self._say()
+        if self._header is None:
+            fault = "".join(f"; {text}" for text in self._unsaid)
+            error = RecordingError(self._error or f"{self.source}: ended without a header{fault}")
+            error.exit_code = 2 if self.listener is None else 1  # a sensor failed
+            raise error
+        return self._header
+
+    def _say(self) -> None:
+        while self._unsaid:
+            warn_caller(f"{self.source}: {self._unsaid.popleft()}")
 
     def __iter__(self) -> Self:
         return self
@@ -148,11 +154,9 @@ class Stream:
         with self._changed:
             while not self._queue and not self._ended:
                 self._changed.wait(POLL_S)
-            unsaid, item = list(self._unsaid), self._queue.popleft() if self._queue else None
-            self._unsaid.clear()
+            item = self._queue.popleft() if self._queue else None
             self._changed.notify_all()
-        for text in unsaid:
-            warn_caller(f"{self.source}: {text}")
+        self._say()
         if item is not None:
             return item
         if self._error:
@@ -195,8 +199,7 @@ class Stream:
 
     def start(self, items: Generator[Header | Frame], holds: bool) -> None:
         """Receive in a thread."""
-        name = f"frames of {self.source}"
-        threading.Thread(target=self.receive, args=(items, holds), daemon=True, name=name).start()
+        threading.Thread(target=self.receive, args=(items, holds), daemon=True).start()
 
     def pass_message(self, kind: str, text: str) -> None:
         """Pass a message to the consumer, once per kind."""
@@ -206,7 +209,9 @@ class Stream:
                 self._unsaid.append(text)
 
     def difference(self, header: Header) -> str:
-        """Return how a header differs from the expected one."""
+        """Return how a header differs from the expected one, or from any radar."""
+        if self.listener is not None and 8 * header.range_m.size * header.radar.prf_hz > MAX_RATE:
+            return f"range_bins x prf_hz x 8 bytes are more than {MAX_RATE:,} bytes per second"
         if self._opening is not None:
             return self._opening.difference(header)
         if self._expect is None:
@@ -273,14 +278,13 @@ class Stream:
             self.pass_message("rate", f"the header states prf_hz = {stated_hz:g}, the sender's times {rate_hz:.6g} Hz")
             header = replace(header, radar=header.radar.model_copy(update={"prf_hz": rate_hz}))
         with self._changed:
-            row_bytes = 8 * header.range_m.size
-            self._size = max(2, min(math.ceil(self._queue_s * rate_hz), MAX_QUEUE_BYTES // row_bytes))
-            self._clock = _Clock(header.radar)
-            self._header = header
+            most = MAX_QUEUE_BYTES // (8 * header.range_m.size)
+            self._size = max(2, min(math.ceil(self._queue_s * rate_hz), most))
+            self._clock, self._header = _Clock(header.radar), header
             self._changed.notify_all()
-        waiting, self.waiting = self.waiting, []
-        for frame in waiting:
+        for frame in self.waiting:
             self._put(frame, holds)
+        self.waiting = []
 
     def _put(self, frame: Frame, holds: bool) -> None:
         assert self._clock is not None
@@ -377,6 +381,7 @@ class _Clock:
     def __init__(self, radar: Radar) -> None:
         self._radar = radar
         self._ahead_s = self._time_s = 0.0
+        self._zero = 0  # counter of time 0: an integer, as floats are too short
         self._last: tuple[int, float] | None = None
         self._every = max(1, round(RECENT_S * radar.prf_hz / MAX_RECENT))
         self._recent: deque[tuple[int, float]] = deque(maxlen=max(2, round(RECENT_S * radar.prf_hz / self._every)))
@@ -397,13 +402,16 @@ class _Clock:
         if frame.counter is None:
             return frame.clock_s, 0, ""
         last, self._last = self._last, (frame.counter, frame.clock_s)
-        by_counter_s = float(self._radar.frame_time_s(frame.counter))
+        step = 0 if last is None else frame.counter - last[0]
+        if is_new := not 0 < step <= LARGEST_GAP:
+            self._zero = frame.counter - frame.counter % (self._radar.burst_pulses or 1)
+        by_counter_s = float(self._radar.frame_time_s(frame.counter - self._zero))
         if last is None:
             self._time_s = frame.clock_s if math.isfinite(frame.clock_s) else 0.0
             self._ahead_s = self._time_s - by_counter_s
             return self._time_s, 0, ""
-        step, clock_step_s, jump = frame.counter - last[0], frame.clock_s - last[1], ""
-        if not 0 < step <= LARGEST_GAP:
+        clock_step_s, jump = frame.clock_s - last[1], ""
+        if is_new:
             jump = f"the frame counter jumps from {last[0]:,} to {frame.counter:,}; time continues there"
             later_s = clock_step_s if math.isfinite(clock_step_s) else 0.0
             self._ahead_s = self._time_s + max(later_s, 1.0 / self._radar.prf_hz) - by_counter_s
@@ -447,8 +455,7 @@ def open_stream(
         Time without new data after which a file or sender counts as stopped; 0 reads a file to its
         present end. The wait for the first sender is not limited.
     queue_s : float
-        Duration of the frames that the queue holds. If it is full, files and standard input wait;
-        for sockets the oldest frames are dropped and counted.
+        Duration of the frames that the queue holds; if full, files wait, sockets drop the oldest.
     once : bool
         For sockets. True ends with the first TCP connection, or with the first sender of datagrams. False drops who
         sends no header or no frame for ``timeout_s``, and takes the next; after the end of a sender, ``next_run()`` of
@@ -467,9 +474,8 @@ def open_stream(
     Raises
     ------
     RecordingError
-        If the file does not exist, or the socket cannot be opened. Damaged and missing frames,
-        jumps of the clock and dropped frames are counted and cause one :class:`DoppelgaitWarning`
-        of each kind; frames of another radar raise a :class:`RecordingError` during the iteration.
+        If a file does not exist, or a socket cannot be opened; later, for another radar's frames.
+        Lost and damaged frames and jumps are counted: one :class:`DoppelgaitWarning` each.
     ConfigError
         If the source or a time is not allowed.
     """
@@ -614,7 +620,9 @@ class _Listener:
                 self._socket.listen()
         except OSError as error:
             self._socket.close()
-            raise RecordingError(f"{text}: cannot be opened: {error.strerror or error}") from None
+            failure = RecordingError(f"{text}: cannot be opened: {error.strerror or error}")
+            failure.exit_code = 1  # may succeed later
+            raise failure from None
         self._socket.settimeout(POLL_S)
         self.source = "{}://{}:{}".format(name, *self._socket.getsockname())
 
@@ -688,8 +696,9 @@ class _Listener:
 
     def _add(self, key: Any, address: tuple[str, int], stream: Stream) -> None:
         self._clients[key] = _Client(FrameParser("{}:{}".format(*address)))
-        if len(self._clients) > MAX_CLIENTS:
-            self._refuse(key, f"there are {MAX_CLIENTS} others", stream)
+        if len(self._clients) > MAX_CLIENTS:  # a silent one gives way
+            oldest = next(other for other, one in self._clients.items() if one.parser.header is None)
+            self._refuse(oldest, f"there are {MAX_CLIENTS} others", stream)
 
     def _meet(self, key: Any, content: bytes, sender: _Client | None, stream: Stream) -> None:
         """Take what comes from another client than the sender; a header makes it the next one."""
@@ -697,7 +706,7 @@ class _Listener:
         if speaks and stream.counts.refused:  # the first one is parsed, for the message
             stream.counts.refused += 1
             return
-        if key not in self._clients:
+        if key not in self._clients and not self._is_tcp:
             self._add(key, key, stream)
         if (client := self._clients.get(key)) is None:
             return
@@ -732,13 +741,12 @@ def _follow_xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]
     assert kind is not None
     stated = {key: options.get(key) for key in OPTIONS}
     further = {key: value for key, value in options.items() if key not in OPTIONS}
-    head = kind.header
     content, first = b"", None
     for chunk in _file_bytes(path, stream):
         content += chunk
         blocks, used = parse_records(content, kind)
-        if len(content) - used >= head.itemsize:
-            count = int(np.frombuffer(content, head, 1, used)["count"][0])
+        if len(content) - used >= kind.header.itemsize:
+            count = int(np.frombuffer(content, kind.header, 1, used)["count"][0])
             if count > MAX_RF_VALUES:
                 raise RecordingError(f"{path}: a record declares {count:,} values, at most {MAX_RF_VALUES:,} are read")
         for block in blocks:

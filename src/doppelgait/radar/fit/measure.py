@@ -196,7 +196,9 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
             change_db[taken > MAX_LEVERAGE] = np.nan  # the common phase was estimated from these bins
             sd_db = DB_PER_NEPER * math.sqrt(HANN_SHARE / (calm.shape[0] * calm.shape[1])) * 1.5
             over_range = Profile(recording.range_m, change_db, np.full(n_bins, sd_db))
-            correlation, correlation_sd = _measure_correlation(spectrum[quiet][:, upper])
+            cells = spectrum[quiet][:, upper]  # one far above the others contains an echo
+            cells = np.where(np.abs(cells) > 4.0 * np.median(np.abs(cells), axis=(0, 1)), 0.0, cells)
+            correlation, correlation_sd = estimate_bin_correlation(cells.reshape(-1, cells.shape[2]), HANN_SHARE)
         else:
             refused["noise over range"] = refused["noise correlation"] = f"{n_bins} range bins; {MIN_BINS} are needed"
     lines = _find_lines(rest, bad, recording, window)
@@ -348,14 +350,6 @@ def _estimate_by_jackknife(estimate: Callable[[Chosen], tuple[float, ...]], coun
     squares = (left_out - left_out.mean(axis=1, keepdims=True)) ** 2
     sds = np.sqrt((len(groups) - 1) / len(groups) * squares.sum(axis=1))
     return [Estimate(float(x), float(sd)) for x, sd in zip(estimate(np.arange(count)), sds, strict=True)]
-
-
-def _measure_correlation(spectrum: ComplexArray) -> tuple[ComplexArray, float]:
-    """Return the correlation over bins of spectra (window, cell, bin), and its uncertainty."""
-    size = np.abs(spectrum)
-    # a cell far above the others contains an echo
-    cells = np.where(size > 4.0 * np.median(size, axis=(0, 1)), 0.0, spectrum)
-    return estimate_bin_correlation(cells.reshape(-1, cells.shape[2]), HANN_SHARE)
 
 
 def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> Profile:
