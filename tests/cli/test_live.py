@@ -151,16 +151,8 @@ def test_a_broker_that_is_not_there_ends_nothing_and_is_said_once(monkeypatch, c
 
 @pytest.mark.parametrize(
     "url",
-    [
-        "127.0.0.1/hall",
-        "mqtt://host",
-        "mqtt://:1883/hall",
-        "mqtt://host:x/hall",
-        "http://host/a",
-        "mqtt://host/a#",
-        "mqtt://bob:secret@host/hall",
-        "mqtt://host/hall?password=secret",
-    ],
+    ["127.0.0.1/hall", "http://host/a"]
+    + [f"mqtt://{a}" for a in ("host", ":1883/b", "host:x/b", "host/a#", "me:secret@host/b", "host/b?password=secret")],
 )
 def test_an_address_that_is_no_broker_is_one_error(url):
     pytest.importorskip("paho.mqtt.client")
