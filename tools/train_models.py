@@ -3,7 +3,7 @@
     python tools/train_models.py --work FOLDER [--workers 2] [--tracks]
 
 Needs ``pip install 'doppelgait[torch]'`` and 20 minutes of two cores; ``--tracks`` trains one network of tracks
-for all radars, some 4 hours. Written are the model files and cards of the package.
+for all radars, some 6 hours. Written are the model files and cards of the package.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from doppelgait.dataset.open import Dataset
 
 MODELS = Path(__file__).parents[1] / "src" / "doppelgait" / "classify" / "models"
 PLANS = Path(__file__).parent / "plans"
-LIFE, MORE = "home-alarm-life", str(PLANS / "life-more.toml")
+LIFE, MORE, WIDE = "home-alarm-life", str(PLANS / "life-more.toml"), str(PLANS / "life-wide.toml")
 RECORDINGS: dict[str, list[tuple[str, int, int, float]]] = {
     "x4": [(LIFE, seed, 20, 0.625 if seed < 103 else 1.25) for seed in range(101, 106)]
-    + [(MORE, seed, 20, 1.25) for seed in (111, 112)],
+    + [(MORE, 111, 20, 1.25), (MORE, 112, 20, 1.25), (WIDE, 4001, 5, 1.25)],
     "fmcw-24": [(LIFE, 201, 12, 1.25), (MORE, 211, 8, 1.25)],
     "fmcw-60": [(LIFE, 301, 10, 1.25)],
 }

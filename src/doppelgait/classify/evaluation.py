@@ -50,7 +50,7 @@ from doppelgait.classify.model import (
     row_weights,
 )
 from doppelgait.classify.options import Options, takes_options
-from doppelgait.classify.scores import DETECTED_SHARE, Answers
+from doppelgait.classify.scores import DETECTED_SHARE, FALSE_SHARE, Answers
 from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS
 from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError, DatasetError, explain_memory
@@ -268,12 +268,14 @@ def describe_model(
         probability = calibration(answers)[:, number]
         if of_tracks:  # an alarm stays, so that the highest confirmed probability of a target of two windows counts
             probability = confirm(probability, held.values[:, -1].tolist())
-            is_alarm &= probability > 0.0
-            groups, target = np.unique(groups[is_alarm], return_inverse=True)
-            highest = np.zeros(groups.size)
-            np.maximum.at(highest, target, probability[is_alarm])
-            probability, is_alarm = highest, np.ones(groups.size, dtype=bool)
+            among = np.isin(groups, groups[is_alarm])  # of a recording with people, an alarm is right
+            of_one = pd.DataFrame({"group": groups, "is_alarm": is_alarm, "highest": probability})
+            of_one = of_one[(probability > 0.0) & (is_alarm | ~among)].groupby("group", as_index=False).max()
+            groups, is_alarm, probability = (of_one[name].to_numpy() for name in of_one)
         found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
+        if of_tracks:  # of the others even fewer may raise it than of people may be missed
+            rung = np.sort(probability[~is_alarm])[::-1][int(FALSE_SHARE * np.count_nonzero(~is_alarm)) :]
+            found = max([found, *np.nextafter(rung[:1], 1.0)])
         if np.isfinite(found):
             threshold, people = found, int(np.unique(groups[is_alarm]).size)
     # Span of every feature, NaN if never known, and the share of rows in which it is unknown.

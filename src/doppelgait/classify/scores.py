@@ -26,6 +26,7 @@ REPLICATES = 2000
 FEW_GROUPS = 20  # number of targets in a class below which the interval is exact
 CALIBRATION_BINS = 15
 DETECTED_SHARE = 0.95
+FALSE_SHARE = 0.002  # of recordings without a person may raise the alarm of tracks
 MOST_POINTS = 200  # maximum number of stored points of a ROC curve
 MOST_BINS = 12
 NOT_ALL = "not all classes are tested"
