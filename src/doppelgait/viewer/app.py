@@ -1,25 +1,28 @@
-"""Routes of the viewer's server, and the check of requests."""
+"""Routes of the viewer's server, the check of requests, and its connections."""
 
 from __future__ import annotations
 
+import asyncio
 import ctypes
 import hmac
 import sys
 import traceback
-from collections.abc import Awaitable, Callable, Iterable, MutableMapping
-from contextlib import asynccontextmanager, nullcontext, suppress
+from collections.abc import Awaitable, Callable, Iterable, Iterator, MutableMapping
+from contextlib import asynccontextmanager, contextmanager, nullcontext, suppress
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import anyio
 import anyio.to_thread
+import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.viewer.panels import (
@@ -47,6 +50,8 @@ Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Message, Receive, Send], Awaitable[None]]
 Headers = Iterable[tuple[bytes, bytes]]
 
+MAX_CONNECTIONS, IDLE_S, END_S = 100, 30, 1
+"""Open connections; times, s, after which one without a request is closed, and for answers when the server stops."""
 MOST_URL_BYTES = 4096
 METHODS = ("GET", "HEAD")
 POLICY = "; ".join(
@@ -374,3 +379,45 @@ async def _answer_fault(request: Request, error: Exception) -> Response:
 
 def _make_error(status: int, reason: str) -> Response:
     return Response(as_json({"error": reason}), status_code=status, media_type=JSON)
+
+
+class _Connection(H11Protocol):
+    """Connection that gives way to a newer one; uvicorn alone would refuse the newer one."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self.opened_s = self.loop.time()
+        others = [one for one in self.connections if one is not self and not one.transport.is_closing()]
+        waiting = [one for one in others if isinstance(one, _Connection) and one.waits_for_client()]
+        for one in sorted(waiting, key=lambda one: one.opened_s)[: max(len(others) + 1 - MAX_CONNECTIONS, 0)]:
+            one.transport.abort()
+
+    def waits_for_client(self) -> bool:
+        return self.cycle is None or self.cycle.response_complete or self.flow.write_paused
+
+
+class _Server(uvicorn.Server):
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        with super().capture_signals():
+            yield
+            self._captured_signals.clear()  # a signal is the usual end, with status 0
+
+
+def make_server(app: App) -> uvicorn.Server:
+    """Make a server that does not run yet."""
+    config = uvicorn.Config(
+        cast("Any", app),
+        loop="asyncio",
+        http=_Connection,
+        ws="none",
+        lifespan="on",
+        access_log=False,
+        server_header=False,
+        log_level="critical",
+        backlog=MAX_CONNECTIONS,  # asyncio accepts as many at once
+        limit_concurrency=MAX_CONNECTIONS + 1,
+        timeout_graceful_shutdown=END_S,
+        timeout_keep_alive=IDLE_S,
+    )
+    return _Server(config)

@@ -83,8 +83,7 @@ def _prepare_server(
 ) -> Iterator[Prepared]:
     """Return a prepared server, its socket and address."""
     check_installed()
-    from doppelgait.viewer.app import make_app
-    from doppelgait.viewer.limits import make_server
+    from doppelgait.viewer.app import make_app, make_server
 
     token = secrets.token_urlsafe(TOKEN_BYTES)
     with open_socket(port) as listener:
