@@ -51,7 +51,8 @@ App = Callable[[Message, Receive, Send], Awaitable[None]]
 Headers = Iterable[tuple[bytes, bytes]]
 
 MAX_CONNECTIONS, IDLE_S, END_S = 100, 30, 1
-"""Open connections; times, s, after which one without a request is closed, and for answers when the server stops."""
+"""Open connections; time, s, after which one without a request is closed;
+time, s, for answers when the server stops."""
 MOST_URL_BYTES = 4096
 METHODS = ("GET", "HEAD")
 POLICY = "; ".join(
@@ -118,7 +119,7 @@ class Guard:
             if status == 405:
                 headers.append((b"allow", ", ".join(METHODS).encode()))
         else:
-            # Redirect the page's address without the last slash, because relative links would fail there.
+            # Redirect the page's address without the last slash: relative links would fail there.
             query: bytes = scope["query_string"]
             place = f"/{self.token.decode()}/".encode() + (b"?" + query if query else b"")
             status, body, headers = 307, b"", [(b"location", place), (b"content-length", b"0")]
@@ -128,7 +129,8 @@ class Guard:
     def fault(self, scope: Message) -> tuple[int, str] | None:
         """Return status and reason of a rejection, or None."""
         headers = list(scope["headers"])
-        if len(scope.get("raw_path") or scope["path"].encode()) + len(scope["query_string"]) > MOST_URL_BYTES:
+        path = scope.get("raw_path") or scope["path"].encode()
+        if len(path) + len(scope["query_string"]) > MOST_URL_BYTES:
             return 414, f"the address is longer than {MOST_URL_BYTES} bytes"
         if scope["method"] not in METHODS:
             return 405, f"{scope['method']} is not allowed; allowed are {', '.join(METHODS)}"
@@ -258,7 +260,8 @@ def _make_dataset_routes(opened: OpenedSource | None) -> list[Route]:
 
 def _describe_session(opened: OpenedSource | None, settings: Settings, live: Rolling | None, query: Pairs) -> Any:
     parse_parameters(query, ())
-    return describe_session(opened, settings) | ({} if live is None else {"kind": "live", "name": "live"})
+    facts = describe_session(opened, settings)
+    return facts if live is None else {**facts, "kind": "live", "name": "live"}
 
 
 def _encode_live(live: Rolling | None, query: Pairs) -> bytes:
@@ -274,7 +277,8 @@ def _make_endpoint(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
     async def endpoint(request: Request) -> Response:
         query = request.query_params.multi_items()
         content = await run_in_thread(lambda: make(query))
-        return Response(content if isinstance(content, bytes) else as_json(content), media_type=media_type)
+        body = content if isinstance(content, bytes) else as_json(content)
+        return Response(body, media_type=media_type)
 
     return endpoint
 
@@ -362,7 +366,8 @@ def _prepare(shelf: RunCache, opened: OpenedSource | None, settings: Settings) -
 
 async def _answer_error(request: Request, error: Exception, *, folders: tuple[Path, ...]) -> Response:
     """Answer with the message of an error, without folder names."""
-    return _make_error(400 if isinstance(error, ConfigError) else 422, remove_folders(str(error), *folders))
+    status = 400 if isinstance(error, ConfigError) else 422
+    return _make_error(status, remove_folders(str(error), *folders))
 
 
 async def _answer_http_error(request: Request, error: Exception) -> Response:
@@ -387,9 +392,10 @@ class _Connection(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self.opened_s = self.loop.time()
-        others = [one for one in self.connections if one is not self and not one.transport.is_closing()]
+        others = [one for one in self.connections if not one.transport.is_closing() and one is not self]
         waiting = [one for one in others if isinstance(one, _Connection) and one.waits_for_client()]
-        for one in sorted(waiting, key=lambda one: one.opened_s)[: max(len(others) + 1 - MAX_CONNECTIONS, 0)]:
+        excess = max(len(others) + 1 - MAX_CONNECTIONS, 0)
+        for one in sorted(waiting, key=lambda one: one.opened_s)[:excess]:
             one.transport.abort()
 
     def waits_for_client(self) -> bool:

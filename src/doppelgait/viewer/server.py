@@ -159,7 +159,8 @@ def check_installed() -> None:
 
 def open_socket(port: int) -> socket.socket:
     """Open a socket that listens on localhost only."""
-    # the protocol is set explicitly: otherwise asyncio delays the body of an answer by 40 ms, until the client's ACK
+    # the protocol is set explicitly: otherwise asyncio delays the body of an answer by 40 ms,
+    # until the client's ACK
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     # on Windows "reuse" would allow another program to use the same port
     alone = getattr(socket, "SO_EXCLUSIVEADDRUSE", None)
