@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from doppelgait.classify.model import Model
     from doppelgait.classify.timeline import TrackDecision
 
-
+ALARM = {None: "-", True: "yes", False: "no"}
 MODEL_HELP = "Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait"
 ModelOption = Annotated[
     str | None, typer.Option("--model", help=f"{MODEL_HELP}; by default the one that fits the radar.")
@@ -181,9 +181,6 @@ def _format_cell(name: str, value: Any) -> Any:
     if name == "decision":
         return value or "none"
     return format_number(value, 3 if name == "probability" else 2) if isinstance(value, float) else value
-
-
-ALARM = {None: "-", True: "yes", False: "no"}
 
 
 def explain_model(model: Model, name: str | None) -> None:

@@ -17,7 +17,7 @@ import typer
 
 from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
 from doppelgait.cli.classify import ModelOption, describe_model, explain_model
-from doppelgait.cli.output import print_message
+from doppelgait.cli.output import print_message, print_warning
 from doppelgait.core.errors import ConfigError, DoppelgaitError, OutputError
 from doppelgait.core.interrupt import stop_in_order
 
@@ -236,6 +236,7 @@ def live(
                 print_message(f"error: run {run}: {error}; the next sensor is waited for")
             if not is_service:
                 break
+            print_warning.cache_clear()
             stream, run = stream.next_run(), run + 1
         if page is not None:
             print_message("the page remains available until Ctrl-C")

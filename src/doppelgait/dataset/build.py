@@ -20,6 +20,7 @@ from typing import Any, Literal
 import numpy as np
 
 from doppelgait import __version__
+from doppelgait.core.documents import stat_regular
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError, explain_memory
 from doppelgait.core.interrupt import stop_in_order
 from doppelgait.dataset.config import SPLITS, PlanConfig, Progress
@@ -305,6 +306,8 @@ def _remove_unfinished_files(job: Job) -> None:
 def log_entry(target: Path, entry: Mapping[str, Any]) -> None:
     """Append a line to the build log."""
     stamp = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "host": platform.node()}
+    (target / LOG).touch()
+    stat_regular(target / LOG)
     with (target / LOG).open("a") as handle:
         handle.write(json.dumps({**stamp, **entry}) + "\n")
 

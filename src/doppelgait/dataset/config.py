@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from importlib import resources
@@ -450,7 +451,7 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
         with resources.as_file(resources.files("doppelgait.dataset") / "plans" / f"{name}.toml") as path:
             table, text = read_toml(path)
         folder = Path.cwd()
-    elif name and Path(name).exists():
+    elif name and os.path.exists(name):
         table, text = read_toml(name)
         folder = Path(name).resolve().parent
     else:

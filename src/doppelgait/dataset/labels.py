@@ -7,6 +7,7 @@ import csv
 import hashlib
 import io
 import math
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,10 +35,10 @@ WITH_SIDECAR = (".npy", ".npz", ".bin", *SUFFIXES)
 
 def find_recordings(folder: Path, pattern: str) -> list[str]:
     """Find recordings in a folder by name or pattern."""
-    name = pattern if _path_exists(folder / pattern) else pattern.replace("\\", "/")
+    name = pattern if os.path.exists(folder / pattern) else pattern.replace("\\", "/")
     if Path(name).is_absolute() or ".." in Path(name).parts:
         raise ConfigError(f"{pattern!r} is not allowed: it must be a path inside {folder}, relative to it")
-    found = [folder / name] if _path_exists(folder / name) else []
+    found = [folder / name] if os.path.exists(folder / name) else []
     if not found and any(sign in name for sign in "*?["):
         try:
             found = sorted(folder.glob(name))
@@ -45,7 +46,7 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
             raise ConfigError(f"{pattern!r} is not a pattern: {error}; ** must stand alone between slashes") from None
     if not found:
         place = (folder / name).parent
-        names = sorted(path.name for path in (place if _path_exists(place) and place.is_dir() else folder).iterdir())
+        names = sorted(path.name for path in (place if os.path.exists(place) and place.is_dir() else folder).iterdir())
         close = get_close_matches(Path(name).name, names, n=3, cutoff=0.6)
         hint = f"; near in spelling: {', '.join(close)}" if close else f"; it contains {len(names)} other recordings"
         raise ConfigError(f"{pattern!r}: is not in {folder}{hint}")
@@ -63,13 +64,6 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
     if not recordings:
         raise ConfigError(f"{pattern!r}: is a settings file, not a recording")
     return sorted(recordings)
-
-
-def _path_exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):  # the name is too long or has a zero byte
-        return False
 
 
 def list_recording_files(path: Path) -> tuple[Path, ...]:

@@ -88,6 +88,13 @@ def test_a_full_disk_at_log_and_lock_is_one_error(tmp_path, monkeypatch, mini_ha
     assert dataset_hash(tmp_path / "d") == mini_hash
 
 
+@pytest.mark.skipif(os.name != "posix", reason="has no pipes in folders")
+def test_a_log_that_is_a_pipe_blocks_nothing(tmp_path):
+    os.mkfifo(tmp_path / build.LOG)
+    with pytest.raises(OSError, match="is no regular file"):
+        build.log_entry(tmp_path, {})
+
+
 LIMITED = """
 import resource, sys
 from doppelgait.core.errors import OutputError
