@@ -235,10 +235,7 @@ def select_inputs(learned: Learned, values: Inputs) -> Inputs:
 
 @dataclass(frozen=True, eq=False)
 class Novelty(Columns):
-    """Distance of features from the nearest class, and its ranks.
-    Mahalanobis: d² = min_k (x - m_k)' C⁻¹ (x - m_k) with the class means m_k and the covariance C
-    about them (Lee et al. 2018), of the columns of :class:`Linear`.
-    """
+    """Mahalanobis distance from the nearest class mean (Lee et al. 2018), and its ranks."""
 
     floor: FloatArray
     centre: FloatArray

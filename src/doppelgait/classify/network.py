@@ -49,10 +49,7 @@ without features, as on a device."""
 
 
 class Training(FrozenModel):
-    """Training and augmentation settings of a network.
-    Training ends when the held-out loss has not improved for ``patience`` epochs, and returns the
-    best state.
-    """
+    """Settings of training, which returns the best state of held-out loss, and of augmentation."""
 
     most_epochs: int = Field(default=60, ge=1)
     most_pictures: int = Field(default=60_000, ge=1)
@@ -232,10 +229,7 @@ def _read_layers(
 def train_track_network(
     train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int, epochs: int = 12
 ) -> TrackNetwork:
-    """Train a network on the windows of tracks: every answer after a window counts.
-
-    Without torch, features alone are used: the log-odds of a logistic regression are summed.
-    """
+    """Train a network on windows of tracks; without torch the log-odds of features are summed."""
     from doppelgait.classify.training import standardise_columns
 
     kept = np.array([each.pictures is not None for each in train.values[:, -1]], dtype=bool)

@@ -41,12 +41,12 @@ class Scorer:
         if part and part not in document:
             raise ValueError(f"{path}: has no model {part!r}")
         if part:
-            document, arrays = document[part], dict(_part(arrays, f"{part}."))
+            document, arrays = document[part], select_part(arrays, f"{part}.")
         self.facts = document["facts"]
         self.classes, self.features = self.facts["classes"], self.facts["names"]
         self._arrays, self._joined = arrays, document["learned"] == "ensemble"
         forms = enumerate(document["members"]) if self._joined else ()
-        joined = [(form, _part(arrays, f"member.{number}.")) for number, form in forms]
+        joined = [(form, select_part(arrays, f"member.{number}.")) for number, form in forms]
         self._members = joined or [(document, arrays)]
         self.patch = next((form["patch"] for form, _ in self._members if form["patch"]), None)
 
@@ -103,7 +103,8 @@ class Scorer:
         return {"linear": linear, "trees": trees}[kind](own, features)
 
 
-def _part(arrays: Arrays, start: str) -> Arrays:
+def select_part(arrays: Arrays, start: str) -> dict[str, Array]:
+    """Select the arrays whose names begin so."""
     return {name[len(start) :]: values for name, values in arrays.items() if name.startswith(start)}
 
 

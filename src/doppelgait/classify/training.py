@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -60,13 +60,8 @@ _OTHER_TREES = (
 )
 
 
-class Trainer(Protocol):
-    """A plug-in of the group ``classifier``: a function that trains."""
-
-    def __call__(self, train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
-        """Train on ``train``."""
-        # the rows in ``held``, of other targets, only decide when to stop
-
+Trainer = Callable[..., Learned]
+"""A plug-in: ``(train, held, *, n_classes, seed)``; held rows only decide when to stop."""
 
 CLASSIFIERS: Group[Trainer] = Group(
     "classifier", built_in=("doppelgait.classify.training", "doppelgait.classify.network")
