@@ -303,7 +303,7 @@ def describe_model(
     )
     novelty = None
     if table.names and name not in BASELINES and not of_tracks:
-        novelty = training.learn_novelty(training.standardise_columns(values), LabelledRows(values, train.labels), held)
+        novelty = training.learn_novelty(LabelledRows(values, train.labels), held)
     return Model(facts, learned, calibration, spans[0], spans[1], np.isnan(values).mean(axis=0), novelty)
 
 

@@ -129,9 +129,7 @@ def _unpack_model(document: Mapping[str, Any], arrays: Arrays, path: str | Path)
     facts = validate(Facts, document["facts"], where=str(path))
     own = {name: values for name, values in arrays.items() if not name.startswith(TRACK)}
     slope, shift = float(own["calibration.slope"][0]), own["calibration.shift"]
-    novelty = None
-    if any(name.startswith("novelty.") for name in own):  # older models have none
-        novelty = Novelty(**{each.name: own[f"novelty.{each.name}"] for each in fields(Novelty)})
+    novelty = Novelty(**far) if (far := select_part(own, "novelty.")) else None  # older models have none
     calibration = Calibration(slope, shift, int(document["calibration_rows"]))
     model = Model(facts, _unpack(document, own), calibration, own["lowest"], own["highest"], own["unknown"], novelty)
     _check_model(model)
