@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,8 +18,8 @@ import pandas as pd
 from doppelgait import __version__
 from doppelgait.classify import scores, training
 from doppelgait.classify.adapt import adapt_to_rows
-from doppelgait.classify.alarm import confirm, run_day, score_day
-from doppelgait.classify.data import Rows, Table, collect_inputs, collect_rows, select_split, take_rows, unknown_rows
+from doppelgait.classify.alarm import confirm, score_alarm
+from doppelgait.classify.data import Rows, Table, all_rows, collect_inputs, collect_rows, select_split, take_rows
 from doppelgait.classify.learned import (
     LEAST_FAR,
     FloatArray,
@@ -66,8 +66,7 @@ HELD_FOLDS = 5
 MOST_LEFT_OUT = 100
 
 
-@dataclass(frozen=True, eq=False)
-class Fold:
+class Fold(NamedTuple):
     """Rows for training, validation and testing."""
 
     name: str
@@ -185,8 +184,7 @@ def _check_all_classes(rows: Rows, learn: IntArray, words: str) -> None:
         raise DatasetError(f"{words} has no row of {', '.join(missing)}: these classes cannot be trained")
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
+class Run(NamedTuple):
     """Results of one model over all folds."""
 
     answers: Answers
@@ -307,7 +305,7 @@ def describe_model(
     )
     novelty = None
     if table.names and name not in BASELINES and not of_tracks:
-        novelty = training.learn_novelty(training.standardise_columns(values), LabelledRows(values, train.labels), held)
+        novelty = training.learn_novelty(LabelledRows(values, train.labels), held)
     return Model(facts, learned, calibration, spans[0], spans[1], np.isnan(values).mean(axis=0), novelty)
 
 
@@ -414,12 +412,12 @@ class Evaluation:
 
 
 @explain_memory
-@takes_options()
+@takes_options(Options)
 def evaluate(
     dataset: Dataset | str | Path,
     *,
     keep: bool = False,
-    day: PlanConfig | None = None,
+    day: PlanConfig | str | Path | None = None,
     on_progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> Evaluation:
@@ -432,8 +430,8 @@ def evaluate(
         ``n_folds`` or ``left_out`` is set.
     keep : bool
         After a cross-validation train each model once more, on all rows.
-    day : PlanConfig, optional
-        Score the alarm of the kept model over a day (:func:`doppelgait.classify.alarm.run_day`).
+    day : PlanConfig or path, optional
+        Score the alarm of the kept model over a day (:func:`doppelgait.classify.alarm.score_alarm`).
     on_progress : callable, optional
         Called with (models trained, models to train).
     **options
@@ -477,12 +475,8 @@ def evaluate(
             f"--save: no rows can be held out to choose among {', '.join(trained)}: a class has too few targets; "
             "name the one model to keep (--models), or add more data"
         )
-    done, runs = count(1), dict[str, Run]()
-
-    def tick() -> None:
-        if on_progress is not None:
-            on_progress(next(done), len(tables) * len(whole))
-
+    done, total, runs = count(1), len(tables) * len(whole), dict[str, Run]()
+    tick = (lambda: on_progress(next(done), total)) if on_progress else (lambda: None)
     for name in tables:
         members = [runs[member] for member in MEMBERS if member in runs] if name == "ensemble" else []
         runs[name] = run_model(rows, tables[name], name, whole, seed, members, tick)
@@ -505,7 +499,7 @@ def evaluate(
             entry["unknown"] = scores.open_set_scores(kept[name], tested, unknown)
         document["notes"] += [f"{name}: {remark}" for remark in remarks]
     if day is not None and best is not None and best in kept:
-        document["alarm_day"] = {"model": best, **score_day(day, run_day(day, kept[best]), kept[best])}
+        document["alarm_day"] = {"model": best, **score_alarm(kept[best], day=day)}
     return Evaluation(document, tabulate_answers(runs), best, kept)
 
 
@@ -526,7 +520,14 @@ def _collect_test_rows(dataset: Dataset | str | Path, options: Options, *, neede
     if needed and alarm not in rows.classes:
         raise ConfigError(f"--alarm: no class {alarm}; name one of {classes} by --alarm-class")
     rows = replace(rows, alarm=alarm)
-    return rows, None if unknown is None else unknown_rows(unknown, rows)
+    if unknown is None:
+        return rows, None
+    index = unknown.index[~unknown.index["label"].isin(rows.classes)]
+    if index.empty:
+        raise DatasetError(
+            f"--unknown {unknown.directory}: has only the classes {classes}, which the models are trained on"
+        )
+    return rows, all_rows(unknown, rows.classes, index)
 
 
 def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], outside: Mapping[str, Any]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
+from doppelgait.cli.analyze import ReaderOptions, takes_windows
 from doppelgait.cli.output import (
     AsJson,
     FigureFormat,
@@ -383,6 +383,7 @@ NAMES_HELP = (
 LABEL_HELP = "LABEL=CLASS: rename a label, or leave its recordings out with LABEL=; '*' matches any label; repeatable."
 
 
+@takes_windows("gate")
 def import_recordings(
     folder: Annotated[Path, typer.Argument(help="Folder of recordings.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the dataset.")],
@@ -392,8 +393,6 @@ def import_recordings(
     names: Annotated[str | None, typer.Option("--names", help=NAMES_HELP)] = None,
     classes: Annotated[list[str] | None, typer.Option("--label", help=LABEL_HELP)] = None,
     gate: Annotated[str, typer.Option("--gate", help="Gate of lines without one: track, or FROM:TO in m.")] = "track",
-    window_s: WindowS = None,
-    hop_s: HopS = None,
     split: Annotated[
         str | None,
         typer.Option(
@@ -409,6 +408,7 @@ def import_recordings(
     ] = None,
     options: ReaderOptions = None,
     as_json: AsJson = False,
+    **windows: Any,
 ) -> None:
     """Make a dataset of your own radar recordings.
 
@@ -419,7 +419,7 @@ def import_recordings(
     from doppelgait.dataset.importing import ImportConfig, import_dataset
     from doppelgait.dataset.labels import label_entries
 
-    named = {"gate": gate, "window_s": window_s, "hop_s": hop_s, "split": split}
+    named = {"gate": gate, **windows, "split": split}
     table = apply_overrides({key: value for key, value in named.items() if value is not None}, changes or [])
     config = validate(ImportConfig, table, where="import")
     reader = apply_overrides({}, options or [])
