@@ -262,8 +262,7 @@ def describe_model(
     alarm = rows.alarm if rows.alarm in rows.classes else None
     if alarm is not None:
         number = rows.classes.index(alarm)
-        is_alarm = held.labels == number
-        probability = calibration(answers)[:, number]
+        is_alarm, probability = held.labels == number, calibration(answers)[:, number]
         if of_tracks:  # an alarm stays, so that the highest confirmed probability of a target of two windows counts
             probability = confirm(probability, held.values[:, -1].tolist())
             among = np.isin(groups, groups[is_alarm])  # of a recording with people, an alarm is right
@@ -271,9 +270,8 @@ def describe_model(
             of_one = of_one[(probability > 0.0) & (is_alarm | ~among)].groupby("group", as_index=False).max()
             groups, is_alarm, probability = (of_one[name].to_numpy() for name in of_one)
         found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
-        if of_tracks:  # of the others even fewer may raise it than of people may be missed
-            rung = np.sort(probability[~is_alarm])[::-1][int(FALSE_SHARE * np.count_nonzero(~is_alarm)) :]
-            found = max([found, *np.nextafter(rung[:1], 1.0)])
+        if of_tracks and np.isfinite(found):  # of the others even fewer may raise it than of people may be missed
+            found = max(found, np.nextafter(find_detection_threshold(probability, ~is_alarm, FALSE_SHARE), 1.0))
         if np.isfinite(found):
             threshold, people = found, int(np.unique(groups[is_alarm]).size)
     # Span of every feature, NaN if never known, and the share of rows in which it is unknown.

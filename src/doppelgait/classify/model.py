@@ -236,7 +236,6 @@ class Facts(FrozenModel):
     novel_below: float = Field(default=NOVEL_BELOW, ge=0, le=1)
     window_s: float | None = Field(default=None, gt=0)  # length of the windows of the training data, if they were cut
     alarm: str | None = None
-    # Probability of the alarm class that 95 % of its held-out rows reach, and number of targets.
     alarm_threshold: float | None = Field(default=None, ge=0, le=1)
     alarm_people: int | None = Field(default=None, ge=0)
     blocking: tuple[str, ...] = BLOCKING
