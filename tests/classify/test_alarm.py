@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.stats import chi2
 
-from doppelgait.classify import alarm, classify_over_time, load_shipped_model
+from doppelgait.classify import alarm, classify_over_time, evaluation, load_shipped_model
 from doppelgait.classify.data import Rows, list_windows, mark_shared
 from doppelgait.classify.learned import Seen
 from doppelgait.classify.timeline import follow_rows
@@ -58,7 +58,8 @@ def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream
     chosen = tuple(one for one in day.episodes if one.label == "a person and a dog cross the room")
     dataset = alarm.build_day(day.model_copy(update={"episodes": chosen}), model, tmp_path / "day", folder=folder)
     assert mark_shared(dataset.index).any()
-    answers = alarm.answer_day(dataset, follow_rows(dataset, model)[:, 0])
+    human = model.of_tracks.facts.classes.index("human")
+    answers = alarm.answer_day(dataset, follow_rows(dataset, model)[:, human])
     triggers = alarm.find_triggers(answers, model.of_tracks.facts.alarm_threshold)
     for number, scene in enumerate(answers["scene"].unique()):
         run, raised = resolve_example(dataset.plan_config, number, folder).run, {}
@@ -180,3 +181,15 @@ def test_a_model_without_an_alarm_is_told():
         alarm.load_day("home-alarm")
     with pytest.raises(ConfigError, match="--repeats 0: must be 1 or more"):
         alarm.score_alarm(model, repeats=0)
+
+
+def test_the_threshold_of_tracks_bounds_false_alarms_too():
+    people, pets = np.linspace(0.3, 0.999, 100), np.linspace(0.0, 0.9, 1000)
+    probability = np.repeat(np.concatenate([people, pets, [0.95]]), 2)  # a pet beside a person rings at 0.95
+    groups = np.repeat([*(f"p{n}" for n in range(100)), *(f"a{n}" for n in range(1000)), "p0"], 2)
+    is_person = np.repeat([True] * 100 + [False] * 1001, 2)
+    seen = [Seen(None, n // 2, float(n % 2)) for n in range(probability.size)]
+    reached = evaluation.find_alarm_threshold(probability, is_person, groups, seen)
+    assert reached == (pytest.approx(pets[-2], abs=1e-9), 100)  # of 999 pets that are ever above 0, one may
+    assert evaluation.find_alarm_threshold(probability, is_person, groups)[0] == pytest.approx(people[5])
+    assert evaluation.find_alarm_threshold(probability[:0], is_person[:0], groups[:0]) == (None, None)

@@ -27,6 +27,7 @@ from doppelgait.classify.learned import (
     IntArray,
     LabelledRows,
     Learned,
+    Seen,
     TrackNetwork,
     join_inputs,
     select_features,
@@ -243,6 +244,24 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members
     return describe_model(rows, table, name, fold, learned, seed=seed)
 
 
+def find_alarm_threshold(
+    probability: FloatArray, is_alarm: scores.Bools, groups: scores.Groups, seen: Sequence[Seen] | None = None
+) -> tuple[float | None, int | None]:
+    """Return the probability from which the alarm is raised, and the number of people behind it."""
+    if seen is not None:  # an alarm stays, so that the highest confirmed probability of a target of two windows counts
+        probability = confirm(probability, seen)
+        among = np.isin(groups, groups[is_alarm])  # of a recording with people, an alarm is right
+        of_one = pd.DataFrame({"group": groups, "is_alarm": is_alarm, "highest": probability})
+        of_one = of_one[(probability > 0.0) & (is_alarm | ~among)].groupby("group", as_index=False).max()
+        groups, is_alarm, probability = (of_one[name].to_numpy() for name in of_one)
+    found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
+    if not np.isfinite(found):
+        return None, None
+    if seen is not None:  # of the others even fewer may raise it than of people may be missed
+        found = max(found, np.nextafter(find_detection_threshold(probability, ~is_alarm, FALSE_SHARE), 1.0))
+    return float(found), int(np.unique(groups[is_alarm]).size)
+
+
 def describe_model(
     rows: Rows, table: Table, name: str, fold: Fold, learned: Learned, *, seed: int, answers: FloatArray | None = None
 ) -> Model:
@@ -262,18 +281,8 @@ def describe_model(
     alarm = rows.alarm if rows.alarm in rows.classes else None
     if alarm is not None:
         number = rows.classes.index(alarm)
-        is_alarm, probability = held.labels == number, calibration(answers)[:, number]
-        if of_tracks:  # an alarm stays, so that the highest confirmed probability of a target of two windows counts
-            probability = confirm(probability, held.values[:, -1].tolist())
-            among = np.isin(groups, groups[is_alarm])  # of a recording with people, an alarm is right
-            of_one = pd.DataFrame({"group": groups, "is_alarm": is_alarm, "highest": probability})
-            of_one = of_one[(probability > 0.0) & (is_alarm | ~among)].groupby("group", as_index=False).max()
-            groups, is_alarm, probability = (of_one[name].to_numpy() for name in of_one)
-        found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
-        if of_tracks and np.isfinite(found):  # of the others even fewer may raise it than of people may be missed
-            found = max(found, np.nextafter(find_detection_threshold(probability, ~is_alarm, FALSE_SHARE), 1.0))
-        if np.isfinite(found):
-            threshold, people = found, int(np.unique(groups[is_alarm]).size)
+        seen = held.values[:, -1].tolist() if of_tracks else None
+        threshold, people = find_alarm_threshold(calibration(answers)[:, number], held.labels == number, groups, seen)
     # Span of every feature, NaN if never known, and the share of rows in which it is unknown.
     values = select_features(train.values) if table.names else np.zeros((train.labels.size, 0))
     spans = [reduce(values, initial=np.nan) for reduce in (np.fmin.reduce, np.fmax.reduce)]

@@ -186,8 +186,8 @@ def explain_model(model: Model, name: str | None) -> None:
         print_message("note: alarm: this model has no alarm threshold")
     else:
         print_message(
-            f"note: alarm: yes if the probability of {facts.alarm} is {facts.alarm_threshold:.2g} or more, also without "
-            "a decision; -: not known for this radar"
+            f"note: alarm: yes if the probability of {facts.alarm} is {facts.alarm_threshold:.2g} or more, "
+            "also without a decision; -: not known for this radar"
         )
     if not model.calibration.n_rows:
         print_message(f"note: {name or facts.dataset_name}: its probabilities are not calibrated")
