@@ -152,9 +152,9 @@ def read_hdf5(path: Path) -> Recording:
 
 
 def _open_numbers(group: Any, name: str) -> Any:
-    """Return a dataset of real numbers."""
-    if group[name].dtype.kind not in "fiu":
-        raise ValueError(f"{name} holds {group[name].dtype} values, must be real numbers")
+    """Return a dataset of real numbers; pandas has no index of half precision."""
+    if (dtype := group[name].dtype).kind not in "fiu" or dtype == np.float16:
+        raise ValueError(f"{name} holds {dtype} values, must be real numbers of single or double precision")
     return group[name]
 
 
@@ -214,7 +214,6 @@ def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) ->
     body: Any = None  # recordings of earlier versions have no body
     if "body_position_m" in group:
         markers, parts = (_read_names(group, f"body_{key}") for key in ("marker", "part"))
-        body = describe_points(
-            group["body_position_m"][:].astype(np.float32), _open_numbers(group, "body_time_s")[:], markers, parts
-        )
+        positions, times = (_open_numbers(group, f"body_{name}")[:] for name in ("position_m", "time_s"))
+        body = describe_points(positions.astype(np.float32), times, markers, parts)
     return TargetTruth(scatterers=scatterers, body=body, **centre, **facts)
