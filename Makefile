@@ -2,7 +2,7 @@
 # make check     set everything up, lint, type-check and run the tests in this process, 90 s on two processors
 # make test      the same, and the tests of processes, built datasets, training and the browser, as continuous integration does, 5 minutes
 # make release   every test, also those marked `release`: site, examples of the pages, kills, clusters, wheel, studies, as every night
-# make fuzz      damage files for everything that reads them, CASES=100000 of them; make release has a short run
+# make fuzz      damage files for everything that reads them, CASES=100000 of them, and print a table; make release has a short run
 # make docs      build the documentation site into docs/_build/html, warnings are errors
 PYTHON ?= python3
 VENV := .venv
@@ -45,7 +45,7 @@ release: $(VENV)/.installed-test
 CASES ?= 100000
 SEED ?= 0
 fuzz: $(VENV)/.installed-test
-	OMP_NUM_THREADS=1 $(BIN)/python tests/fuzz/fuzz.py --cases $(CASES) --seed $(SEED)
+	@OMP_NUM_THREADS=1 $(BIN)/python tests/fuzz/fuzz.py --cases $(CASES) --seed $(SEED)
 
 docs: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html

@@ -161,7 +161,7 @@ def run_shard(folder: Path) -> None:
 
 
 TARGETS = {
-    "plan": Target(plan_seeds, run_plan),
-    "dataset": Target(dataset_seeds, run_dataset),
-    "shard": Target(shard_seeds, run_shard),
+    "plan": Target(plan_seeds, run_plan, 60),
+    "dataset": Target(dataset_seeds, run_dataset, 6),
+    "shard": Target(shard_seeds, run_shard, 20),
 }

@@ -257,7 +257,8 @@ def _damage_members(file: Any, rng: Rng) -> None:
 
 MUTATORS: dict[str, Callable[[bytes, Rng], bytes]] = {
     ".h5": damage_hdf5, ".npz": damage_npz, ".json": damage_json, ".sigmf-meta": damage_json,
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".trc", ".bvh", ".amc", ".asf", ".toml", ".cfg"), damage_text),
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".trc", ".bvh", ".amc", ".asf", ".toml", ".cfg", ".sto", ".mot", ".skeleton",
+                     ".mvnx"), damage_text),
 }  # fmt: skip
 
 

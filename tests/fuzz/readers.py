@@ -11,6 +11,7 @@ import numpy as np
 
 import acconeer_file
 import motion_files
+import recording_files
 from walking_body import walking_body
 
 
@@ -24,10 +25,13 @@ class Target:
         Writes the files of one seed into each of some new folders below a folder.
     run : callable
         Uses the files of a folder; raises ``AssertionError`` where the result is nonsense.
+    share : int
+        Share of a run's cases, of about 1,000; a case of few takes long.
     """
 
     seeds: Callable[[Path], None]
     run: Callable[[Path], None]
+    share: int = 50
 
 
 def _main(folder: Path, *endings: str) -> Path:
@@ -187,6 +191,20 @@ def c3d_seeds(folder: Path) -> None:
         (folder / str(n) / "a.c3d").write_bytes(c3d_bytes(1000 * body(), is_float=is_float))
 
 
+VENDORS = motion_files.TEXTS | motion_files.JOINTS
+
+
+def vendor_seeds(folder: Path) -> None:
+    """Exports of the programs that record motions; the names of the files are those of ``VENDORS``."""
+    for name, (suffix, write, _) in VENDORS.items():
+        _text(folder / name / f"{name}.{suffix}", write(motion_files.BODY_M))
+    (folder / "gltf").mkdir()
+    motion_files.glb(folder / "gltf" / "a.glb")
+    (folder / "movement").mkdir()
+    axes = ("time", "space", "keypoints", "individuals")
+    motion_files.write_movement(folder / "movement" / "a.h5", axes=axes, fps=50.0)
+
+
 LARGEST_M = 1e4
 """Farther from the origin is no place of a body."""
 
@@ -194,12 +212,14 @@ LARGEST_M = 1e4
 def run_motion(folder: Path) -> None:
     from doppelgait.motion.readers import read
 
-    path = _main(folder, ".csv", ".tsv", ".trc", ".bvh", ".amc", ".npz", "a.json", ".c3d", ".txt")
-    options: dict[str, Any] = {}
-    if path.suffix == ".txt" and b"\tX\t" in path.read_bytes()[:2000]:
+    path = next(path for path in sorted(folder.iterdir()) if path.name not in ("07.asf", "skeleton.json"))
+    options: dict[str, Any] = VENDORS[path.stem][2] if path.stem in VENDORS else {}
+    if path.name == "a.txt" and b"\tX\t" in path.read_bytes()[:2000]:
         options = {"rate_hz": 50.0, "units": "m"}
-    elif path.suffix == ".tsv":
+    elif path.name == "a.tsv":
         options = {"units": "m"}
+    elif path.name == "a.h5":
+        options = {"units": "m", "subject": "Eva"}
     motion = read(path, clean=False, **options)
     check_motion(motion)
     cleaned = read(path, **options)
@@ -375,6 +395,23 @@ def frames_seeds(folder: Path) -> None:
     write_frames(small_recording(), folder / "0" / "a.dgf")
 
 
+FURTHER = {".h5": "acconeer-a111", ".npy": "infineon", ".wav": "wav", ".cfile": "raw", ".csv": "csv"}
+"""Readers of formats that are sampled here and nowhere else, by the ending of their files."""
+
+
+def further_seeds(folder: Path) -> None:
+    for name in FURTHER.values():
+        recording_files.write_sample(name, folder / name)
+
+
+def run_further(folder: Path) -> None:
+    from doppelgait.radar import read_recording
+
+    path = _main(folder, *FURTHER)
+    name = FURTHER[path.suffix]
+    check_recording(read_recording(path, format=name, **recording_files.sample_options(name)))
+
+
 def run_recording(folder: Path) -> None:
     from doppelgait.radar import read_recording
 
@@ -432,13 +469,25 @@ def run_points(folder: Path) -> None:
 
 
 TARGETS = {
-    **{f"motion-{seeds.__name__.removesuffix('_seeds')}": Target(seeds, run_motion)
-       for seeds in (table_seeds, trc_seeds, bvh_seeds, amc_seeds, expmap_seeds, arrays_seeds, c3d_seeds)},
-    "radar-own": Target(own_seeds, run_recording),
-    "radar-arrays": Target(radar_arrays_seeds, run_recording),
-    **{f"radar-{seeds.__name__.removesuffix('_seeds')}": Target(seeds, run_recording)
-       for seeds in (matlab_seeds, acconeer_seeds, sigmf_seeds, xethru_seeds, cw_text_seeds, glasgow_seeds, dca1000_seeds,
-                     frames_seeds)},
-    "radar-points": Target(points_seeds, run_points),
-    "result": Target(result_seeds, run_result),
-}  # fmt: skip
+    "motion-table": Target(table_seeds, run_motion, 40),
+    "motion-trc": Target(trc_seeds, run_motion, 40),
+    "motion-bvh": Target(bvh_seeds, run_motion, 60),
+    "motion-amc": Target(amc_seeds, run_motion, 45),
+    "motion-expmap": Target(expmap_seeds, run_motion, 40),
+    "motion-arrays": Target(arrays_seeds, run_motion, 45),
+    "motion-c3d": Target(c3d_seeds, run_motion, 30),
+    "motion-vendor": Target(vendor_seeds, run_motion, 60),
+    "radar-own": Target(own_seeds, run_recording, 40),
+    "radar-arrays": Target(radar_arrays_seeds, run_recording, 60),
+    "radar-matlab": Target(matlab_seeds, run_recording, 50),
+    "radar-acconeer": Target(acconeer_seeds, run_recording, 40),
+    "radar-sigmf": Target(sigmf_seeds, run_recording, 60),
+    "radar-xethru": Target(xethru_seeds, run_recording, 50),
+    "radar-cw_text": Target(cw_text_seeds, run_recording, 50),
+    "radar-glasgow": Target(glasgow_seeds, run_recording, 50),
+    "radar-dca1000": Target(dca1000_seeds, run_recording, 60),
+    "radar-frames": Target(frames_seeds, run_recording, 60),
+    "radar-further": Target(further_seeds, run_further, 60),
+    "radar-points": Target(points_seeds, run_points, 50),
+    "result": Target(result_seeds, run_result, 20),
+}
