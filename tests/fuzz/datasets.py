@@ -162,6 +162,6 @@ def run_shard(folder: Path) -> None:
 
 TARGETS = {
     "plan": Target(plan_seeds, run_plan, 60),
-    "dataset": Target(dataset_seeds, run_dataset, 6),
-    "shard": Target(shard_seeds, run_shard, 20),
+    "dataset": Target(dataset_seeds, run_dataset, 4),
+    "shard": Target(shard_seeds, run_shard, 16),
 }

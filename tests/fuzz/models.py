@@ -63,4 +63,4 @@ def run_model(folder: Path) -> None:
     model.describe_outside(values[:1])
 
 
-TARGETS = {"model": Target(model_seeds, run_model, 24)}
+TARGETS = {"model": Target(model_seeds, run_model, 20)}
