@@ -24,6 +24,7 @@ import traceback
 import warnings
 import zlib
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -54,16 +55,38 @@ def target_names() -> list[str]:
     return ["attacks", *(name for module in found for name in importlib.import_module(module).TARGETS)]
 
 
-def count_peak_bytes() -> int:
-    """Highest use of memory so far."""
-    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+def run_meanwhile(run: Any, rng: Any, folder: Path) -> None:
+    """Truncate, delete or replace a file at a random one of the calls that reading takes."""
+    whole, calls = shutil.copytree(folder, folder.with_name("whole-case")), [0, 0]
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    path, kind = files[rng.integers(len(files))], rng.integers(4)
+    rest = path.read_bytes()[: int(path.stat().st_size * rng.random())]
+    other = folder.with_name("other")
+    other.write_bytes(rest[::-1])
+    change = (partial(os.truncate, path, len(rest)), path.unlink, partial(path.rename, path.with_name("moved")),
+              partial(os.replace, other, path))[kind]  # fmt: skip
+
+    def count(*_: Any) -> None:
+        calls[0] += 1
+        if calls[0] == calls[1]:
+            sys.setprofile(None)
+            change()
+
+    for place in (whole, folder):
+        calls[:] = 0, int(rng.integers(1, calls[0] + 1)) if place == folder else 0
+        sys.setprofile(count)
+        try:
+            run(place)
+        finally:
+            sys.setprofile(None)
+            shutil.rmtree(whole, ignore_errors=True)
 
 
 def fault_of(run: Any, folder: Path, *, refused: bool = False) -> str:
     """What is bad about one case, or ""; with ``refused``, that it is read is bad, too."""
     from doppelgait.core.errors import DoppelgaitError
 
-    before, fault = count_peak_bytes(), ""
+    before, fault = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, ""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -77,14 +100,14 @@ def fault_of(run: Any, folder: Path, *, refused: bool = False) -> str:
     except BaseException as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         fault = f"{type(error).__name__}: {str(error)[:200]} ({Path(place.filename).name}:{place.lineno})"
-    grown = count_peak_bytes() - before
+    grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
     if grown > MEMORY / 10:
         with suppress(OSError):
             Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     return fault or (f"{grown / 1e6:.0f} MB of memory" if grown > MEMORY else "")
 
 
-def work(name: str, seed: int, first: int, stop: int, keep: str) -> None:
+def work(name: str, seed: int, first: int, stop: int, keep: str, *, meanwhile: bool) -> None:
     """Run some cases of a target; print one line of JSON for each bad one, and the number that begins."""
     import numpy as np
     from attacks import ATTACKS, READ
@@ -120,7 +143,9 @@ def work(name: str, seed: int, first: int, stop: int, keep: str) -> None:
                 for path, content in contents[rng.integers(len(contents))].items():
                     (folder / path.parent).mkdir(parents=True, exist_ok=True)
                     (folder / path).write_bytes(content)
-                said, run, refused = damage_folder(folder, rng), find_target(name).run, False
+                run, refused = find_target(name).run, False
+                said = "" if meanwhile else damage_folder(folder, rng)
+                run = partial(run_meanwhile, run, rng) if meanwhile else run
             print(name, case, flush=True)
             if keep:
                 shutil.copytree(folder, Path(keep) / f"{name}-{case}", dirs_exist_ok=True)
@@ -145,13 +170,13 @@ def share_cases(names: list[str], first: int, cases: int) -> list[tuple[str, int
     return [(name, first, stops.get(name, min(first + cases, len(ATTACKS)))) for name in names]
 
 
-def fuzz(todo: list[tuple[str, int, int]], seed: int, keep: str) -> list[dict[str, Any]]:
+def fuzz(todo: list[tuple[str, int, int]], seed: int, *further: str) -> list[dict[str, Any]]:
     """Run cases of targets in one process, and in a new one after each case that ended it; return the bad ones."""
     stops = {name: stop for name, _, stop in todo}
     bad: list[dict[str, Any]] = []
     while todo:
         began = None
-        command = [sys.executable, __file__, "--work", json.dumps(todo), "--seed", str(seed), "--keep", keep]
+        command = [sys.executable, __file__, "--work", json.dumps(todo), "--seed", str(seed), *further]
         with started(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             for line in process.stdout:
                 if line.startswith("{"):
@@ -184,19 +209,21 @@ def main() -> int:
     parser.add_argument("--target", default="", help="names of targets with commas; default: all")
     parser.add_argument("--keep", default="", help="folder for the files of bad cases")
     parser.add_argument("--together", action="store_true", help="all targets in one process, for short runs")
+    parser.add_argument("--meanwhile", action="store_true", help="whole files that change while they are read")
     parser.add_argument("--work", default="", help=argparse.SUPPRESS)
     options = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     if options.work:
         for name, first, stop in json.loads(options.work):
-            work(name, options.seed, first, stop, options.keep)
+            work(name, options.seed, first, stop, options.keep, meanwhile=options.meanwhile)
         return 0
-    todo = share_cases(options.target.split(",") if options.target else target_names(), options.first, options.cases)
+    names = options.target.split(",") if options.target else target_names()[options.meanwhile :]  # no attacks
+    todo = share_cases(names, options.first, options.cases)
     print("| target | cases | bad | processor time, s |\n| --- | ---: | ---: | ---: |", flush=True)
     rows: list[list[float]] = []
     for group in [todo] if options.together else [[one] for one in todo]:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        bad = fuzz(group, options.seed, options.keep)
+        bad = fuzz(group, options.seed, "--keep", options.keep, *["--meanwhile"] * options.meanwhile)
         for one in bad:
             print("  " + json.dumps(one), file=sys.stderr, flush=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -53,10 +53,14 @@ def found_by(*options: str, fuzz: Path = FUZZ) -> list[dict[str, str]]:
     return [json.loads(line) for line in done.stderr.splitlines() if line.startswith("  {")]
 
 
-@pytest.mark.parametrize("target", ["attacks", pytest.param("", marks=pytest.mark.release)])
-def test_findings_of_earlier_rounds_and_damage_end_in_sense_or_one_of_our_errors(target: str) -> None:
-    """``attacks`` stands for all findings, of which there are fewer than cases; "" for all targets."""
-    assert found_by("--target", target, "--cases", "3000") == []
+MEANWHILE = "--meanwhile --cases 600 --target radar-own,radar-dca1000"
+MORE = [pytest.param(options, marks=pytest.mark.release) for options in ("", "--meanwhile --cases 1500")]
+
+
+@pytest.mark.parametrize("options", ["--target attacks", MEANWHILE, *MORE])
+def test_findings_of_earlier_rounds_and_damage_end_in_sense_or_one_of_our_errors(options: str) -> None:
+    """``attacks`` stands for all findings, of which there are fewer than cases."""
+    assert found_by("--cases", "3000", *options.split()) == []
 
 
 @pytest.mark.release

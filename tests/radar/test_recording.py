@@ -85,17 +85,15 @@ def put(key, place, value):
     return change
 
 
-NUMBERS = ["slow_time_s", "range_m"]
-NUMBERS += [f"truth/0/{name}" for name in ("range_m", "centre_range_m", "body_time_s", "body_position_m")]
+NUMBERS = [
+    "slow_time_s",
+    "range_m",
+    *(f"truth/0/{n}" for n in ("range_m", "centre_range_m", "body_time_s", "body_position_m")),
+]
 
 
 def retyped(key, code):
-    def change(file):
-        values = file[key][()].astype(code)
-        del file[key]
-        file[key] = values
-
-    return change
+    return lambda file: (file.move(key, "old"), file.__setitem__(key, file["old"][()].astype(code)))
 
 
 def attribute(key, value):
