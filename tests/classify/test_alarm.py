@@ -192,4 +192,3 @@ def test_the_threshold_of_tracks_bounds_false_alarms_too():
     reached = evaluation.find_alarm_threshold(probability, is_person, groups, seen)
     assert reached == (pytest.approx(pets[-2], abs=1e-9), 100)  # of 999 pets that are ever above 0, one may
     assert evaluation.find_alarm_threshold(probability, is_person, groups)[0] == pytest.approx(people[5])
-    assert evaluation.find_alarm_threshold(probability[:0], is_person[:0], groups[:0]) == (None, None)
