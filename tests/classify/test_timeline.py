@@ -180,8 +180,8 @@ def test_memory_of_links_and_beliefs_does_not_grow(monkeypatch):
     tracks = Tracks(MODEL)
     for n in range(200):
         tracks.add(window(n * 1.0), [target(1.0 + 30.0 * n, 0.0, length_s=0.5)])
-    assert 1 < len(tracks.links.kept) <= 10
-    assert set(tracks._beliefs) <= tracks.links.kept
+    assert 1 < len(tracks.links.paths) <= 10
+    assert set(tracks._beliefs) <= set(tracks.links.paths)
 
 
 def test_the_belief_is_that_of_all_histories():

@@ -493,12 +493,6 @@ def test_matrix_shows_shares_of_each_class() -> None:
     assert second.get_xlabel() == "step length, radial (m)"
 
 
-def test_matrix_of_a_feature_that_nobody_has() -> None:
-    table = make_table().assign(limb_torso_ratio=np.nan)
-    axes = viz.feature_matrix(table, features=("limb_torso_ratio",)).axes[0]
-    assert axes.get_title(loc="left") == "dog (n = 0, 4 left out), human (n = 0, 5 left out)"
-
-
 @pytest.mark.parametrize(
     ("name", "label"),
     [

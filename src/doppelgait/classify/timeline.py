@@ -189,7 +189,7 @@ class Tracks:
                     window=alone,
                 )
             )
-        self._beliefs = {number: self._beliefs[number] for number in self._beliefs.keys() & self.links.kept}
+        self._beliefs = {number: self._beliefs[number] for number in self._beliefs.keys() & self.links.paths.keys()}
         return decisions
 
     def follow(

@@ -250,11 +250,11 @@ def _follow(
     """Print the decisions of one run, with tracks from a number on."""
 
     def count_losses() -> list[int]:
-        facts = [*running.counts.as_dict().items(), *asdict(stream.counts).items()]
+        facts = [*asdict(running.counts).items(), *asdict(stream.counts).items()]
         return [n for name, n in facts if name not in ("frames", "windows", "received")]
 
     def state() -> dict[str, Any]:
-        return {**running.counts.as_dict(), "stream": asdict(stream.counts)}
+        return {**asdict(running.counts), "stream": asdict(stream.counts)}
 
     said_s, lost, reason = float("-inf"), count_losses(), "stopped"
     began_s, clock_s = None, process_time()
