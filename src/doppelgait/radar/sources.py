@@ -245,7 +245,7 @@ class _Listener:
         self._is_tcp, self._once = name == "tcp", once
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM if self._is_tcp else socket.SOCK_DGRAM)
         self._clients: dict[Any, _Client] = {}  # by connection, or address
-        self._barred: dict[Any, float] = {}  # addresses with faulty headers, and since when
+        self._barred: dict[Any, float] = {}  # addresses of faulty headers, since when
         try:
             option = (socket.SO_REUSEADDR, 1) if self._is_tcp else (socket.SO_RCVBUF, 1 << 22)
             self._socket.setsockopt(socket.SOL_SOCKET, *option)
@@ -329,7 +329,7 @@ class _Listener:
 
     def _add(self, key: Any, address: tuple[str, int], sender: _Client | None, stream: Stream) -> None:
         if len(self._clients) >= MAX_CLIENTS:  # the oldest without a frame, never the sensor
-            oldest = min(self._clients.items(), key=lambda item: (item[1] is sender, item[1].is_ready))
+            oldest = min(self._clients.items(), key=lambda of: (of[1] is sender, of[1].is_ready))
             self._refuse(oldest[0], f"there are {MAX_CLIENTS} others", stream)
         self._clients[key] = _Client(FrameParser("{}:{}".format(*address)))
 
@@ -347,7 +347,7 @@ class _Listener:
         try:
             for item in client.parser.feed(b"" if speaks else content):
                 if isinstance(item, Header):
-                    reason = "they have two different headers" if client.items else stream.difference(item)
+                    reason = "they have two headers" if client.items else stream.difference(item)
                 if reason:
                     raise RecordingError(reason)
                 client.items.append(item)

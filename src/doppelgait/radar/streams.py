@@ -248,7 +248,7 @@ class Stream:
         stamps = [(frame.counter or 0, frame.clock_s) for frame in self.waiting]
         (rate_hz, doubt), stated_hz = find_rate_hz(header.radar, stamps), header.radar.prf_hz
         if self.listener is not None and 8 * header.range_m.size * rate_hz > MAX_RATE:
-            doubt, rate_hz = f"the sender's times say {rate_hz:.6g} Hz, too many: {stated_hz:g} Hz is used", stated_hz
+            doubt, rate_hz = f"{rate_hz:.6g} Hz, too many, by the times: {stated_hz:g} Hz is used", stated_hz
         if doubt:
             self.pass_message("clock", doubt)
         if rate_hz != stated_hz:

@@ -1,4 +1,4 @@
-"""Clients that keep the viewer's server waiting, over real sockets: a new uvicorn that renames what app.py uses fails."""
+"""Clients that keep the viewer's server waiting, over real sockets: a uvicorn that renames what app.py uses fails."""
 
 import socket
 import threading
