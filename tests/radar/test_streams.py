@@ -133,6 +133,15 @@ def test_the_rate_of_the_senders_clock_is_taken_where_the_header_is_wrong(tmp_pa
     assert len(caught) == len(texts)
 
 
+def test_a_rate_that_a_socket_does_not_allow_is_not_taken_from_the_clock(monkeypatch):
+    monkeypatch.setattr("doppelgait.radar.streams.MAX_RATE", 8 * ROWS.shape[1] * 600)
+    stream = open_stream("tcp://:0")
+    sent = b"".join(dgf.encode_frame(i, i / 800.0, ROWS[i % N_FRAMES]) for i in range(1800))
+    send_all(stream, OPENING + sent + dgf.END_RECORD)
+    assert any("800 Hz, too many" in text for text in take(stream)[2])
+    assert stream.radar.prf_hz == PRF_HZ
+
+
 def test_a_rate_that_changes_later_is_said(tmp_path):
     clock_s = np.cumsum(np.where(np.arange(12_000) < 3000, 1 / PRF_HZ, 1.02 / PRF_HZ))
     _, _, _, texts = play(tmp_path, *(dgf.encode_frame(n, time_s, ROWS[0]) for n, time_s in enumerate(clock_s)))
@@ -420,8 +429,7 @@ def test_the_work_on_damaged_bytes_is_bounded(kind, last, monkeypatch):
 def test_of_a_slow_consumer_the_oldest_frames_are_dropped():
     stream = open_stream("tcp://:0", queue_s=0.1)
     send_all(stream, OPENING + frames() + dgf.END_RECORD)
-    while stream.counts.received < N_FRAMES:  # the consumer has not begun yet
-        threading.Event().wait(0.01)
+    wait_until(lambda: stream.counts.received >= N_FRAMES)  # the consumer has not begun yet
     times_s, rows, texts = take(stream)
     np.testing.assert_array_equal(rows, ROWS[-50:])
     np.testing.assert_allclose(times_s, RECORDING.slow_time_s[-50:], rtol=0, atol=1e-12)
@@ -502,9 +510,7 @@ REFUSALS = {
     b"": "closed before its first frame",
     b"DGfr\x07" + OPENING[5:]: "has version 7 of the format; only 1 is read",
     dgf.encode_record(1, b"{}"): "the header must have the keys carrier_hz",
-    dgf.encode_header(
-        dgf.Header(LONG, LONG.range_axis_m())
-    ): "a second or a burst (range_bins x prf_hz x 8 bytes) has more than 33,554,432 bytes",
+    WIDE: "a second or a burst (range_bins x prf_hz x 8 bytes) has more than 16,777,216 bytes",
 }
 
 
@@ -523,15 +529,30 @@ def test_every_different_refusal_is_said_once_and_later_with_its_number(monkeypa
     assert all("(2 times by now)" in text for text in said[4:])
 
 
-def test_the_17th_client_takes_the_place_of_the_oldest_without_a_header():
+@pytest.mark.parametrize("sent", [b"", OPENING])
+def test_the_17th_client_takes_the_place_of_the_oldest_without_a_frame(sent):
     stream = open_stream("tcp://:0", timeout_s=100.0, once=False)
     with ExitStack() as clients:
-        clients.enter_context(connect(stream)).send(OPENING)
-        oldest, *_ = [clients.enter_context(connect(stream)) for _ in range(16)]
+        oldest, *others = [clients.enter_context(connect(stream)) for _ in range(16)]
+        for client in (oldest, *others):
+            send(client, sent)
+        send(clients.enter_context(connect(stream)), OPENING + frames())
         assert oldest.recv(1) == b""
-        assert stream.counts.refused == 1
+        wait_until(lambda: stream.waiting)
         stream.close()
         assert [text for text in take(stream)[2] if text.endswith("are refused: there are 16 others")]
+
+
+@pytest.mark.parametrize("transport", ["tcp", "udp"])
+def test_of_a_client_without_a_frame_one_header_is_kept(transport, monkeypatch):
+    read, parse_header = [], dgf.parse_header
+    monkeypatch.setattr(dgf, "parse_header", lambda *given: read.append(given) or parse_header(*given))
+    headers = [dgf.Header(RECORDING.radar, RECORDING.range_m + 1e-10 * number) for number in range(200)]
+    stream = open_stream(f"{transport}://:0", timeout_s=100.0, once=False)
+    with stream, connect(stream) as client:
+        send(client, *map(dgf.encode_header, headers))
+        wait_until(lambda: stream.counts.refused == (1 if transport == "tcp" else 199))
+        assert len(read) == 2
 
 
 def test_clients_that_send_nothing_are_dropped_and_counted():
@@ -541,6 +562,9 @@ def test_clients_that_send_nothing_are_dropped_and_counted():
         assert [client.recv(1) for client in silent] == [b""] * 20
         wait_until(lambda: stream.counts.refused == 20)
         stream.close()
+        take(stream)
+        with pytest.raises(RecordingError, match="ended without a header"):
+            _ = stream.radar
 
 
 @pytest.mark.parametrize(
@@ -602,13 +626,6 @@ def test_whole_frames_behind_one_that_was_cut_off_are_kept(tmp_path, length):
 def test_sources_that_cannot_be_opened(source, error, message):
     with pytest.raises(error, match=message):
         open_stream(source)
-
-
-def test_a_closed_stream_ends_without_waiting_for_a_sender():
-    stream = open_stream("tcp://:0")
-    stream.close()
-    with pytest.raises(RecordingError, match="ended without a header"):
-        _ = stream.radar
 
 
 def test_a_sensor_in_bursts_begins_with_a_whole_one():

@@ -8,9 +8,10 @@ import select
 import socket
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -20,7 +21,7 @@ import numpy as np
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.lazy import read_tiles
 from doppelgait.core.readers import list_options
-from doppelgait.radar.frames import Frame, FrameParser, Header, make_header
+from doppelgait.radar.frames import CHUNK_BYTES, Frame, FrameParser, Header, make_header
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers import find_formats, read_recording
 from doppelgait.radar.recording import Recording
@@ -29,12 +30,10 @@ from doppelgait.radar.xethru.convert import CONVERTIBLE, OPTIONS, Records, conve
 from doppelgait.radar.xethru.records import META_NAME, find_data_type_by_file, parse_records
 
 LOCAL = "127.0.0.1"
-CHUNK_BYTES = 1 << 16
 SILENT_S = 1.0
 """Time without a frame, s, after which another sender may take the place of a sensor."""
-MAX_CLIENTS = 16
-AGAIN_S = 60.0
-"""Time, s, after which a refusal that goes on is stated again."""
+MAX_CLIENTS, AGAIN_S = 16, 60.0
+"""Clients at once; time, s, after which a refusal that goes on is stated again."""
 MAX_RF_VALUES = 1_000_000
 """Maximum number of values that a record may declare."""
 
@@ -140,14 +139,12 @@ def _is_xethru_data(path: Path) -> bool:
 def _parse(chunks: Iterator[bytes], stream: Stream) -> Generator[Header | Frame]:
     """Yield headers and frames of a byte stream."""
     parser = FrameParser(stream.source)
-    for chunk in chunks:
-        yield from parser.feed(chunk)
+    for chunk in chain(chunks, [b""]):
+        yield from parser.feed(chunk, last=not chunk)
         _count_malformed(parser, stream)
         if parser.ended:
             return
-    yield from parser.feed(b"", last=True)
-    _count_malformed(parser, stream)
-    stream.complete = parser.ended
+    stream.complete = False
 
 
 def _count_malformed(parser: FrameParser, stream: Stream) -> None:
@@ -187,12 +184,11 @@ def _file_bytes(path: Path, stream: Stream) -> Iterator[bytes]:
         yield from _poll(lambda: file.read(CHUNK_BYTES) or None, stream, pause_s=POLL_S)
 
 
-def _follow_xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]) -> Generator[Header | Frame]:
+def _follow_xethru_frames(path: Path, stream: Stream, options: dict[str, Any]) -> Generator[Header | Frame]:
     """Yield frames of a growing XeThru data file."""
     kind = find_data_type_by_file(path.name)
     assert kind is not None
-    stated = {key: options.get(key) for key in OPTIONS}
-    further = {key: value for key, value in options.items() if key not in OPTIONS}
+    stated = {key: options.pop(key, None) for key in OPTIONS}
     content, first = b"", None
     for chunk in _file_bytes(path, stream):
         content += chunk
@@ -205,7 +201,7 @@ def _follow_xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]
             if not block["count"][0]:
                 raise RecordingError(f"{path}: a record declares no values")
             source = Records(path, kind.name, block, np.empty(0, dtype=np.int64), stated)
-            volts, radar, range_m = convert_records(source, **further)
+            volts, radar, range_m = convert_records(source, **options)
             yield Header(radar, range_m)
             for counter, row in zip(source.counters.tolist(), volts, strict=True):
                 first = counter if first is None else first
@@ -249,7 +245,7 @@ class _Listener:
         self._is_tcp, self._once = name == "tcp", once
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM if self._is_tcp else socket.SOCK_DGRAM)
         self._clients: dict[Any, _Client] = {}  # by connection, or address
-        self._met: set[Any] = set()  # addresses of which a datagram was parsed in this run
+        self._barred: dict[Any, float] = {}  # addresses of faulty headers, since when
         try:
             option = (socket.SO_REUSEADDR, 1) if self._is_tcp else (socket.SO_RCVBUF, 1 << 22)
             self._socket.setsockopt(socket.SOL_SOCKET, *option)
@@ -272,7 +268,6 @@ class _Listener:
     def receive(self, stream: Stream) -> Generator[Header | Frame]:
         """Yield what one sender sends until its end, or until another one replaces it."""
         own: Any = None
-        self._met.clear()
         try:
             while not stream.closing.is_set():
                 sender = self._clients.get(own)
@@ -323,40 +318,45 @@ class _Listener:
                     yield one, one.recv(CHUNK_BYTES)
                     continue
                 connection, address = one.accept()
+                connection.setblocking(False)
+                self._add(connection, address, sender, stream)
             except BlockingIOError:
                 continue
             except OSError:
                 if one is not self._socket:
                     yield one, b""
                 stream.closing.wait(POLL_S)
-                continue
-            connection.setblocking(False)
-            self._add(connection, address, stream)
 
-    def _add(self, key: Any, address: tuple[str, int], stream: Stream) -> None:
+    def _add(self, key: Any, address: tuple[str, int], sender: _Client | None, stream: Stream) -> None:
+        if len(self._clients) >= MAX_CLIENTS:  # the oldest without a frame, never the sensor
+            oldest = min(self._clients.items(), key=lambda of: (of[1] is sender, of[1].is_ready))
+            self._refuse(oldest[0], f"there are {MAX_CLIENTS} others", stream)
         self._clients[key] = _Client(FrameParser("{}:{}".format(*address)))
-        if len(self._clients) > MAX_CLIENTS:  # a silent one gives way
-            oldest = next(other for other, one in self._clients.items() if one.parser.header is None)
-            self._refuse(oldest, f"there are {MAX_CLIENTS} others", stream)
 
     def _meet(self, key: Any, content: bytes, sender: _Client | None, stream: Stream) -> None:
         """Take what comes from another client than the sender; a header makes it the next one."""
         speaks = not self._is_tcp and sender is not None and not sender.is_silent(SILENT_S)
-        is_parsed = not speaks or (key not in self._met and len(self._met) < MAX_CLIENTS)  # for the message
-        self._met |= {key} if is_parsed else set()
+        if time.monotonic() - self._barred.get(key, -math.inf) < SILENT_S:
+            stream.counts.refused += 1
+            return
         if key not in self._clients and not self._is_tcp:
-            self._add(key, key, stream)
+            self._add(key, key, sender, stream)
         if (client := self._clients.get(key)) is None:
             return
         reason = "" if content else "closed before its first frame"
         try:
-            client.items += client.parser.feed(content if is_parsed else b"")
-            headers = [item for item in client.items if isinstance(item, Header)]
-            client.is_ready = len(client.items) > len(headers)
-            reason = reason or next(filter(None, map(stream.difference, headers)), "")
+            for item in client.parser.feed(b"" if speaks else content):
+                if isinstance(item, Header):
+                    reason = "they have two headers" if client.items else stream.difference(item)
+                if reason:
+                    raise RecordingError(reason)
+                client.items.append(item)
+            client.is_ready = len(client.items) > 1
         except RecordingError as error:
-            reason = str(error)
-        if client.parser.header is None and is_parsed and not self._is_tcp:
+            reason, now_s = str(error), time.monotonic()
+            recent = {one: at_s for one, at_s in self._barred.items() if now_s - at_s < SILENT_S}
+            self._barred = {**recent, key: now_s}
+        if client.parser.header is None and not speaks and not self._is_tcp:
             reason = reason or "they do not begin with a header"
         if reason or speaks:
             self._refuse(key, reason or "another one sends", stream)

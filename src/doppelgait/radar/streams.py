@@ -20,22 +20,20 @@ from doppelgait.radar.slow_time import MAX_DISORDER
 
 POLL_S = 0.05
 """Polling interval, s, of a file that does not grow, and of the closed state of a stream."""
-MAX_QUEUE_BYTES, FRAME_BYTES, MAX_RATE = 1 << 28, 400, 1 << 25
+MAX_QUEUE_BYTES, FRAME_BYTES, MAX_RATE = 1 << 28, 400, 1 << 24
 """Bytes of waiting frames, of one without its samples, and of the samples of a second."""
 MAX_KINDS = 50
 """Different messages of a run, after which further refusals share one."""
-HOLD_S = 0.1
-"""Time, s, for which frames wait for an earlier one that is on its way."""
-RESTART_S, MAX_LOW = 1.0, 2000
-"""Time, s, and frames for which a lower frame counter stays low before it counts as a restart."""
+HOLD_S, RESTART_S, MAX_LOW = 0.1, 1.0, 2000
+"""Time, s, for which frames wait for an earlier one that is on its way; time, s, and frames for
+which a lower frame counter stays low before it counts as a restart."""
 FAR_S = 1.0
 """Minimum difference, s, of sender's clock and frame counter that is a jump of the clock."""
 RECENT_S, MAX_RECENT = 10.0, 250
 """Time over which the rate of arriving frames is compared with that of the radar, and number of frames that are."""
 CREDIBLE_START = 2.0
 """Ratio to the frames of this time after which a start ends, also if the clock does not advance."""
-EXPECTED = ("carrier_hz", "prf_hz", "bin_spacing_m")
-EXPECTED_TOLERANCE = 5e-3
+EXPECTED, EXPECTED_TOLERANCE = ("carrier_hz", "prf_hz", "bin_spacing_m"), 5e-3
 """Relative tolerance to an expected radar: drivers use c = 3e8 m/s and measure their rates."""
 
 
@@ -249,6 +247,8 @@ class Stream:
         """Set the radar with the rate that the first frames show, and pass them on."""
         stamps = [(frame.counter or 0, frame.clock_s) for frame in self.waiting]
         (rate_hz, doubt), stated_hz = find_rate_hz(header.radar, stamps), header.radar.prf_hz
+        if self.listener is not None and 8 * header.range_m.size * rate_hz > MAX_RATE:
+            doubt, rate_hz = f"{rate_hz:.6g} Hz, too many, by the times: {stated_hz:g} Hz is used", stated_hz
         if doubt:
             self.pass_message("clock", doubt)
         if rate_hz != stated_hz:

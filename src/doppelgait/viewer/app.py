@@ -7,7 +7,7 @@ import ctypes
 import hmac
 import sys
 import traceback
-from collections.abc import Awaitable, Callable, Iterable, Iterator, MutableMapping
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from contextlib import asynccontextmanager, contextmanager, nullcontext, suppress
 from functools import partial
 from importlib import resources
@@ -22,6 +22,8 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
+from starlette.types import ASGIApp as App
+from starlette.types import Message, Receive, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
@@ -38,39 +40,37 @@ from doppelgait.viewer.settings import CHANGEABLE, Pairs, Settings, parse_parame
 from doppelgait.viewer.source import Reference, RunCache, describe_session, parse_reference
 
 if TYPE_CHECKING:
+    import socket
     from collections.abc import AsyncIterator
 
     from doppelgait.viewer.browse import Browser
     from doppelgait.viewer.live_page import Rolling
     from doppelgait.viewer.source import OpenedSource
 
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-App = Callable[[Message, Receive, Send], Awaitable[None]]
 Headers = Iterable[tuple[bytes, bytes]]
 
-MAX_CONNECTIONS, IDLE_S, END_S = 100, 30, 1
-"""Open connections; time, s, after which one without a request is closed;
+
+def _count_connections() -> int:
+    try:
+        from resource import RLIMIT_NOFILE, getrlimit
+    except ImportError:  # Windows
+        return 100
+    n_files, _ = getrlimit(RLIMIT_NOFILE)
+    # five may be open for each that stays, and 32 files are the server's
+    return 100 if n_files < 0 else max(1, min((n_files - 32) // 5, 100))
+
+
+MAX_CONNECTIONS, IDLE_S, END_S = _count_connections(), 30, 1
+"""Open connections; time, s, after which one is closed that sends no request after an answer;
 time, s, for answers when the server stops."""
 MOST_URL_BYTES = 4096
 METHODS = ("GET", "HEAD")
-POLICY = "; ".join(
-    (
-        "default-src 'none'",
-        "script-src 'self'",
-        "style-src 'self'",
-        "img-src 'self' blob: data:",
-        "media-src 'self' blob:",
-        "connect-src 'self'",
-        "base-uri 'none'",
-        "form-action 'none'",
-        "frame-ancestors 'none'",
-    )
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; media-src 'self' blob:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 """Content security policy: no content of other servers, and no inline scripts."""
 ANSWER_HEADERS = (
-    (b"content-security-policy", POLICY.encode()),
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
     (b"cache-control", b"no-store"),
@@ -78,7 +78,7 @@ ANSWER_HEADERS = (
 )
 
 
-NOTEBOOKS = b"frame-ancestors http://localhost:* http://127.0.0.1:*"
+NOTEBOOKS = "frame-ancestors http://localhost:* http://127.0.0.1:*"
 """Pages that may show the viewer in a frame: notebooks on this computer, if ``framed`` is set."""
 
 
@@ -88,10 +88,8 @@ class Guard:
     def __init__(self, app: App, *, token: str, port: int, framed: bool = False) -> None:
         self.app = app
         self.framed = framed
-        self.headers = tuple(
-            (name, value.replace(b"frame-ancestors 'none'", NOTEBOOKS) if framed else value)
-            for name, value in ANSWER_HEADERS
-        )
+        policy = POLICY.replace("frame-ancestors 'none'", NOTEBOOKS) if framed else POLICY
+        self.headers = ((b"content-security-policy", policy.encode()), *ANSWER_HEADERS)
         self.token = token.encode()
         self.hosts = tuple(f"{name}:{port}".encode() for name in ("127.0.0.1", "localhost"))
 
@@ -286,9 +284,8 @@ def _make_endpoint(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
 def return_memory() -> None:
     """Return free memory to the system (glibc)."""
     if sys.platform == "linux":
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-        if trim is not None:
-            trim(0)
+        with suppress(AttributeError):
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 async def run_in_thread(make: Callable[[], T]) -> T:
@@ -372,9 +369,8 @@ async def _answer_error(request: Request, error: Exception, *, folders: tuple[Pa
 
 async def _answer_http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    return _make_error(
-        error.status_code, "there is nothing at this address" if error.status_code == 404 else error.detail
-    )
+    reason = "there is nothing at this address" if error.status_code == 404 else error.detail
+    return _make_error(error.status_code, reason)
 
 
 async def _answer_fault(request: Request, error: Exception) -> Response:
@@ -403,6 +399,19 @@ class _Connection(H11Protocol):
 
 
 class _Server(uvicorn.Server):
+    is_said = False  # that files are missing
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        asyncio.get_running_loop().set_exception_handler(self.report_fault)
+        await super().startup(sockets)
+
+    def report_fault(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        if not context["message"].startswith("socket.accept()"):
+            loop.default_exception_handler(context)
+        elif not self.is_said:
+            self.is_said = True
+            print(f"note: clients wait: {context['exception']}", file=sys.stderr, flush=True)
+
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
         with super().capture_signals():

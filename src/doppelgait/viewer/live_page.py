@@ -31,6 +31,7 @@ from doppelgait.viewer.payload import (
 SPAN_S, STEP_S = 30.0, 0.05  # time span of the page, and width of a column
 MOST_ROWS = 300
 """Largest number of range bins or Doppler cells of a column; more are combined by their maximum."""
+MARKED = ("track", "label", "reason", "probability", "alarm", "range_m", "approach_mps")
 MOST_MARKS = 2000  # largest number of decisions that are kept
 
 
@@ -83,19 +84,9 @@ class Rolling:
                 times_s = window.start_s + read_axis(signature, "time")
                 self._put("signature", times_s, signature.values, read_axis(signature, "doppler"))
             for one in decisions:
-                self._marks.append(
-                    {
-                        "track": one.track,
-                        "time_s": one.stop_s,
-                        "label": one.label,
-                        "reason": one.reason,
-                        "probability": one.probability,
-                        "alarm": one.alarm,
-                        "range_m": one.range_m,
-                        "approach_mps": one.approach_mps,
-                        "evidence": None if self._alarm is None else one.probabilities[self._alarm],
-                    }
-                )
+                evidence = None if self._alarm is None else one.probabilities[self._alarm]
+                shown = {name: getattr(one, name) for name in MARKED}
+                self._marks.append({**shown, "time_s": one.stop_s, "evidence": evidence})
             first_s = window.stop_s - SPAN_S
             while self._marks and self._marks[0]["time_s"] < first_s:
                 self._marks.popleft()

@@ -1,4 +1,4 @@
-"""Clients that keep the viewer's server waiting, over real sockets: they give way, and others are served."""
+"""Clients that keep the viewer's server waiting, over real sockets: a uvicorn that renames what app.py uses fails."""
 
 import socket
 import threading
@@ -15,6 +15,8 @@ from doppelgait.viewer import app
 from doppelgait.viewer.server import open_socket
 from viewer_client import running
 
+resource = pytest.importorskip("resource")
+FILES = resource.getrlimit(resource.RLIMIT_NOFILE)
 REQUEST = b"GET / HTTP/1.1\r\nHost: here\r\n\r\n"
 LARGE = 20_000_000  # bytes: more than two sockets hold
 
@@ -109,6 +111,20 @@ def test_waiting_connections_give_way_to_others(sent, monkeypatch):
         assert len(server.server_state.connections) <= 4
         client.sendall(REQUEST)
         assert answer_of(client).startswith(b"HTTP/1.1 200 ")
+
+
+def test_without_free_files_it_is_said_once_and_clients_wait(capsys):
+    with serving() as (_, server, _), socket.socket() as client:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (0, FILES[1]))
+        try:
+            client.connect(server.servers[0].sockets[0].getsockname())
+            processes.wait_until(lambda: server.is_said)
+            assert app._count_connections() == 1
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, FILES)
+        client.sendall(REQUEST)
+        assert answer_of(client).startswith(b"HTTP/1.1 200 ")
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_connections_that_are_answered_stay(monkeypatch):
