@@ -179,6 +179,8 @@ def test_a_model_without_an_alarm_is_told():
         alarm.score_alarm(model)
     with pytest.raises(ConfigError, match="home-alarm: is a plan of classes; a day of an alarm needs"):
         alarm.load_day("home-alarm")
+    with pytest.raises(ConfigError, match="neither a file nor a built-in plan"):
+        alarm.load_day("")
     with pytest.raises(ConfigError, match="--repeats 0: must be 1 or more"):
         alarm.score_alarm(model, repeats=0)
 

@@ -102,6 +102,16 @@ def test_every_object_of_a_heap_is_looked_at_once() -> None:
     assert list(endless(one * 20_000)) == []
 
 
+def test_marks_of_heaps_are_followed_one_by_one(tmp_path: Path, monkeypatch) -> None:
+    path, found = plain(tmp_path / "a.h5", x=np.zeros(3)), []
+    path.write_bytes(path.read_bytes() + HEAP * 10_000)
+    monkeypatch.setattr(own_hdf5, "MAX_OBJECTS", 100)
+    monkeypatch.setattr(own_hdf5, "_find", lambda *given: (found.append(0) or one for one in _find(*given)))
+    with pytest.raises(ValueError, match="has no end"):
+        open_hdf5(path)
+    assert len(found) < 1000
+
+
 @pytest.mark.parametrize("way", ["external", "external link", "virtual", "soft link"])
 def test_values_of_other_files_are_refused(tmp_path: Path, way: str) -> None:
     (tmp_path / "secret").write_bytes(bytes(800))

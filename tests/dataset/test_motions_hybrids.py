@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import doppelgait.dataset.motions as motions
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
@@ -16,6 +17,7 @@ from doppelgait.dataset.resolve import warn_of_recordings
 from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.motion.gait import add_gait_facts
 from doppelgait.motion.models import human_gait, quadruped_gait
+from doppelgait.motion.readers import read as read_motion
 from doppelgait.scene.placement import build_motion
 
 WALKS = {"ann": 1.1, "ben": 1.2, "cat": 1.3, "dan": 1.4, "eva": 1.25}
@@ -147,6 +149,18 @@ def test_retarget_blends_nobody(takes):
     laid_out = plan_dataset(plan("retarget"), folder=takes)
     assert all("other" not in table["hybrid"] for table in laid_out.config.classes[0].motion["cycle"])
     assert len({entry.group for entry in laid_out.examples}) == 5
+
+
+def test_clips_are_read_again_for_another_skeleton_and_kept_without_motions_only(takes, monkeypatch):
+    read, skeleton = [], takes / "takes" / "ann.ASF"
+    monkeypatch.setattr(motions, "read", lambda file: read.append(file.suffix) or read_motion(file))
+    for content, mode, n_read in (("a", "none", 5), ("a", "none", 5), ("bb", "none", 10), ("bb", "retarget", 15)):
+        if not skeleton.is_file() or skeleton.read_text() != content:
+            skeleton.write_text(content)
+        with pytest.warns(DoppelgaitWarning, match="1 of 6 files are left out"):
+            expand_folders(plan(mode), takes)
+        assert read.count(".csv") == n_read
+    assert motions._read_clips.cache_info().currsize == 0
 
 
 def test_clips_of_other_points_and_gaits_are_no_partners():

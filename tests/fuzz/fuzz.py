@@ -82,11 +82,20 @@ def run_meanwhile(run: Any, rng: Any, folder: Path) -> None:
             shutil.rmtree(whole, ignore_errors=True)
 
 
+def read_memory(name: str) -> int:
+    """Memory of this process now (VmRSS) or at its peak (VmHWM), in bytes."""
+    return 1024 * int(Path("/proc/self/status").read_text().partition(f"{name}:")[2].split()[0])
+
+
 def fault_of(run: Any, folder: Path, *, refused: bool = False) -> str:
     """What is bad about one case, or ""; with ``refused``, that it is read is bad, too."""
     from doppelgait.core.errors import DoppelgaitError
 
-    before, fault = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, ""
+    before, fault = read_memory("VmRSS"), ""
+    if read_memory("VmHWM") - before > MEMORY / 10:  # of an earlier case, which hides the peak of this one
+        with suppress(OSError):
+            Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
+    peak = read_memory("VmHWM")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -100,10 +109,7 @@ def fault_of(run: Any, folder: Path, *, refused: bool = False) -> str:
     except BaseException as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         fault = f"{type(error).__name__}: {str(error)[:200]} ({Path(place.filename).name}:{place.lineno})"
-    grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
-    if grown > MEMORY / 10:
-        with suppress(OSError):
-            Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
+    grown = after - before if (after := read_memory("VmHWM")) > peak else 0
     return fault or (f"{grown / 1e6:.0f} MB of memory" if grown > MEMORY else "")
 
 

@@ -36,7 +36,11 @@ def fail():
     raise AssertionError("no")
 
 
+sizes = iter(range(0, 1_700_000_000, 95_000_000))  # each peak a little above the last
+
+
 TARGETS = {
+    "growing": Target(seeds, lambda folder: bytearray(b"a") * next(sizes), share=17),
     "hang": Target(seeds, once(hang)),
     "crash": Target(seeds, once(os.abort)),
     "memory": Target(seeds, once(lambda: bytearray(b"a") * 1_500_000_000)),
@@ -65,15 +69,17 @@ def test_findings_of_earlier_rounds_and_damage_end_in_sense_or_one_of_our_errors
 
 @pytest.mark.release
 def test_the_fuzzer_finds_what_it_should(tmp_path: Path) -> None:
-    """A hang, a crash, a gigabyte, a foreign error and nonsense, each by a target of its own."""
+    """A hang, a crash, a gigabyte, also of a growing sequence, a foreign error and nonsense, each by a target of its own."""
     place = tmp_path / "fuzz"
     place.mkdir()
     (tmp_path / "support").symlink_to(ROOT / "tests" / "support")
     for name in ("fuzz.py", "mutators.py", "attacks.py", "readers.py"):
         (place / name).write_text(FUZZ.with_name(name).read_text(encoding="utf-8"), encoding="utf-8")
     (place / "models.py").write_text(DOUBLES)
-    bad = found_by("--target", "hang,crash,memory,foreign,nonsense", "--cases", "5", fuzz=place / "fuzz.py")
+    bad = found_by("--target", "growing,hang,crash,memory,foreign,nonsense", "--cases", "22", fuzz=place / "fuzz.py")
+    assert [one["case"] for one in bad if one["target"] == "growing"] == list(range(10, 17))  # from 1,045 MB
     faults = {str(one["target"]): str(one["fault"]) for one in bad}
+    assert faults.pop("growing").endswith("MB of memory")
     assert faults.pop("memory").endswith("MB of memory")
     line = DOUBLES[: DOUBLES.index("once(lambda: {}")].count("\n") + 1
     assert faults == {

@@ -37,7 +37,8 @@ THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99, 0.999, 0.9999)
 
 def load_day(plan: Any = None, repeats: int | None = None) -> tuple[PlanConfig, Path | None]:
     """Load the plan of a day, and the folder of its motion files."""
-    day, folder = (plan, None) if isinstance(plan, PlanConfig) else load_plan(plan or "home-alarm-day")
+    plan = "home-alarm-day" if plan is None else plan
+    day, folder = (plan, None) if isinstance(plan, PlanConfig) else load_plan(plan)
     if repeats is not None:
         section = day.dataset.model_copy(update={"examples_per_class": repeats})
         episodes = tuple(episode.model_copy(update={"examples": None}) for episode in day.episodes)
@@ -53,8 +54,7 @@ def score_alarm(model: Model, *, on_progress: Any = None, **options: Any) -> dic
     chosen, facts = AlarmOptions(**options), model.of_tracks.facts
     day, folder = load_day(chosen.day, chosen.repeats)
     with TemporaryDirectory() as scratch:
-        directory = chosen.directory or Path(scratch)
-        dataset = build_day(day, model, directory, folder=folder, on_progress=on_progress)
+        dataset = build_day(day, model, chosen.directory or Path(scratch), folder=folder, on_progress=on_progress)
         probability = follow_rows(dataset, model)[:, facts.classes.index(str(facts.alarm))]
         return score_day(day, answer_day(dataset, probability), model)
 

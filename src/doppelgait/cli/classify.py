@@ -66,8 +66,8 @@ def classify(
 
     loaded = None if model is None else open_model(model)
     if is_result_file(recording):
-        stated = {"set": changes, "option": options, **windows, "gate": windows["gate"] != "track"}
-        if refused := [name_flag(name) for name, value in stated.items() if value]:
+        stated = {"set": changes or None, "option": options or None, **windows}
+        if refused := [name_flag(key) for key, one in stated.items() if one not in (None, "track")]:
             raise ConfigError(
                 f"{', '.join(refused)}: the file holds results, which cannot be changed; name the recording"
             )

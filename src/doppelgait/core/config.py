@@ -342,7 +342,7 @@ def write_toml(table: Mapping[str, Any]) -> str:
     return tomli_w.dumps(table)
 
 
-def format_canonical_json(value: BaseModel | Mapping[str, Any]) -> str:
+def format_canonical_json(value: BaseModel | Mapping[str, Any] | Sequence[Any]) -> str:
     """Format parameters as one-line JSON with sorted keys."""
     data = value.model_dump(mode="json") if isinstance(value, BaseModel) else value
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)

@@ -38,7 +38,7 @@ _TOO_LONG = f"it has an integer of more than {MAX_DIGITS} digits"
 _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 
 
-def stat_regular(path: str | Path) -> os.stat_result:
+def stat_regular(path: str | Path | int) -> os.stat_result:
     """Return the facts of a regular file; a pipe or device, which may never end, is an ``OSError``."""
     facts = os.stat(path)
     if not stat.S_ISREG(facts.st_mode):

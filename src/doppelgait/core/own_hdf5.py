@@ -258,7 +258,7 @@ def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
 @lru_cache(maxsize=64)
 def _find_file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
     """Return why HDF5 must not open a file, or ""."""
-    with path.open("rb") as file:
+    with path.open("rb") as file, path.open("rb") as again:
         head = file.read(USER_BLOCKS[-1] + 64)
         at = find_signature(head)
         if at is None:
@@ -271,7 +271,7 @@ def _find_file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
         for _, following in _find(file, TEXT_MARK, TEXT_AFTER):
             if (found := TEXT.match(following)) and (length := int.from_bytes(found[1], "little")) > size:
                 return f"one of its attributes is a text of {length:,} bytes, but the file has {size:,}"
-        for start in _find_endless_heaps(file, [at for at, _ in _find(file, HEAP)]):
+        for start in _find_endless_heaps(again, (at for at, _ in _find(file, HEAP))):
             return f"its heap at byte {start} has no end"
     return ""
 

@@ -17,14 +17,12 @@ from typing import Any, Literal
 import numpy as np
 
 from doppelgait import __version__
-from doppelgait.core.documents import stat_regular
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError, explain_memory
 from doppelgait.core.interrupt import stop_in_order
 from doppelgait.dataset.config import SPLITS, PlanConfig, Progress
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import (
     DATA_VERSION,
-    LOG,
     SUMS,
     Header,
     Record,
@@ -35,6 +33,7 @@ from doppelgait.dataset.finish import (
     find_shard,
     finish_dataset,
     list_shard_names,
+    open_log,
     plan_header,
     read_description,
     write_description,
@@ -302,9 +301,7 @@ def _remove_unfinished_files(job: Job) -> None:
 def log_entry(target: Path, entry: Mapping[str, Any]) -> None:
     """Append a line to the build log."""
     stamp = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "host": platform.node()}
-    (target / LOG).touch()
-    stat_regular(target / LOG)
-    with (target / LOG).open("a") as handle:
+    with open_log(target) as handle:
         handle.write(json.dumps({**stamp, **entry}) + "\n")
 
 

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.config import format_canonical_json
@@ -24,6 +23,7 @@ from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.files import open_atomically
 from doppelgait.core.frames import SlowTime
 from doppelgait.core.labels import ScattererTable
+from doppelgait.core.units import FloatArray
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.motions import find_source_entry, find_subject, list_recording_paths
 from doppelgait.dataset.plan import Plan, Shard, parse_source
@@ -101,9 +101,7 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
     return rows
 
 
-def _leaves_frame(
-    range_m: npt.NDArray[np.float64], slow_time_s: npt.NDArray[np.float64], radar: Radar, analysis: Analysis
-) -> bool:
+def _leaves_frame(range_m: FloatArray, slow_time_s: FloatArray, radar: Radar, analysis: Analysis) -> bool:
     """Return True if the gate is partly outside the frame."""
     bins_m = radar.range_axis_m()
     gate = Gate.around(slow_time_s, range_m, span_m=analysis.gate_span_m)
@@ -115,7 +113,7 @@ def _leaves_frame(
     return bool((low < -0.5).any() or (high > bins_m.size - 0.5).any())
 
 
-def _find_strongest_v2(table: ScattererTable, radar: Radar) -> npt.NDArray[np.float64]:
+def _find_strongest_v2(table: ScattererTable, radar: Radar) -> FloatArray:
     # the echo powers in each range cell are added; the strongest cell of every pulse is used
     range_m, amplitude_v = compute_scatterer_arrays(table, radar)
     seen = (table["target"] != BACKGROUND) & (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)

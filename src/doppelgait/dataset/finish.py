@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TextIO
 
 from pydantic import BaseModel, NonNegativeInt, ValidationError
 
 from doppelgait import __version__
 from doppelgait.core.config import format_canonical_json, validate
-from doppelgait.core.documents import parse_json, read_document
+from doppelgait.core.documents import parse_json, read_document, stat_regular
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import FileKind, hash_file, open_atomically, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
@@ -182,12 +183,23 @@ def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_fa
     return totals
 
 
+def open_log(target: Path) -> TextIO:
+    """Open the build log to append."""
+
+    def open_regular(name: str, mode: int) -> int:  # no link or pipe, however new
+        flags = mode | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+        stat_regular(number := os.open(name, flags, 0o666))
+        return number
+
+    return open(target / LOG, "a", opener=open_regular)
+
+
 def write_sums(target: Path, shards: Mapping[str, str]) -> None:
     """Write the list of the hashes of all files."""
     hashes = {f"shards/{name}.h5": sha256 for name, sha256 in shards.items()}
     for name in (*SINGLE_FILES, *(f"shards/{name}.json" for name in shards)):
         hashes[name] = hash_file(target / name)
-    (target / LOG).touch()  # empty if it was lost
+    open_log(target).close()  # empty if it was lost
     log_sum = ""
     while log_sum != (
         log_sum := format_checksums({LOG: hash_file(target / LOG)})

@@ -75,7 +75,12 @@ def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
     """Lock the folder, or part of it, for the block."""
     name = "build.lock" if part is None else f"build-{part.number}-of-{part.among}.lock"
     path = directory.resolve() / name
-    _refuse_links(directory)
+    # a build writes and deletes in its folder only
+    for inner in directory.iterdir():
+        with suppress(FileNotFoundError):  # of a part that runs at the same time
+            mode, folder = inner.lstat().st_mode, not any(map(inner.match, ("*.partial", PATTERN)))
+            if not stat.S_ISREG(mode) and not (folder and stat.S_ISDIR(mode)):
+                raise DatasetError(f"{inner}: is a link or no file; delete it, or copy its target here")
     since, pid = datetime.now(UTC).isoformat(timespec="seconds"), os.getpid()
     own = {"pid": pid, "host": platform.node(), "since": since, "part": part, "begun": _read_process_start(pid)}
     while True:
@@ -105,15 +110,6 @@ def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
     finally:
         _held.discard(path)
         path.unlink(missing_ok=True)
-
-
-def _refuse_links(directory: Path) -> None:
-    # a build writes and deletes in its folder only
-    for inner in directory.iterdir():
-        with suppress(FileNotFoundError):  # of a part that runs at the same time
-            mode, folder = inner.lstat().st_mode, not any(map(inner.match, ("*.partial", PATTERN)))
-            if not stat.S_ISREG(mode) and not (folder and stat.S_ISDIR(mode)):
-                raise DatasetError(f"{inner}: is a link or no file; delete it, or copy its target here")
 
 
 def list_running_builds(directory: Path) -> list[Holder]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,7 +26,8 @@ from doppelgait.core.errors import (
     MotionError,
     warn_caller,
 )
-from doppelgait.core.files import hash_file, list_files
+from doppelgait.core.files import list_files
+from doppelgait.core.own_hdf5 import read_stamp
 from doppelgait.core.readers import list_options
 from doppelgait.dataset.config import PlanConfig, Progress, SourceSection, shorten
 from doppelgait.motion.gait import add_gait_facts, is_quadruped
@@ -243,6 +245,8 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
         one.model_copy(update={"targets": expand(one.targets, f"episodes.{number}.targets", one.duration_s)})
         for number, one in enumerate(plan.episodes)
     )
+    if any(one.get("hybrid", "none") != "none" for one in _iterate_tables(list_motions(plan))):
+        _read_clips.cache_clear()  # of whole motions
     return plan.model_copy(update={"classes": classes, "episodes": episodes})
 
 
@@ -265,10 +269,12 @@ def _list_segments(
     found: list[tuple[dict[str, Any], Motion]] = []
     refused: dict[str, str] = {}
     options = format_canonical_json(spec.options)
+    skeletons = [Path(name) for name in [str(spec.options.get("skeleton"))] if os.path.isfile(name)]
+    state = repr([*map(read_stamp, [*list_files(root), *skeletons])])
     for number, file in enumerate(files, start=1):
         name, loop_to_s = (Path(spec.path) / file.relative_to(root)).as_posix(), seconds + SPARE_S
         try:
-            clips = _read_clips(file, hash_file(file), options, spec.hybrid != "none")
+            clips = _read_clips(file, state, options, spec.hybrid != "none")
         except (DoppelgaitError, OSError) as error:
             refused[name] = str(error).replace(f"{file}: ", "").partition(";")[0]
             clips = []
@@ -303,7 +309,7 @@ def _list_segments(
 
 
 @lru_cache(maxsize=1024)  # kinds of episodes share folders, and a plan is read again for its build
-def _read_clips(file: Path, sha256: str, options: str, with_motion: bool) -> list[tuple[int, float, bool, Any]]:
+def _read_clips(file: Path, state: str, options: str, with_motion: bool) -> list[tuple[int, float, bool, Any]]:
     """List straight segments: number, duration, whether it can loop, and clip for a hybrid."""
     clips = []
     with warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):

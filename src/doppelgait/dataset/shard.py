@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core import files
-from doppelgait.core.config import FrozenModel, convert_to_json, format_canonical_json
+from doppelgait.core.config import convert_to_json, format_canonical_json
 from doppelgait.core.draws import replace_by_middle
 from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.interrupt import raise_if_stopped
@@ -86,17 +86,13 @@ NOTHING = {
 
 def _describe_setting(example: ExampleSpec, recording: Recording) -> dict[str, Any]:
     # the columns that all rows of an example share
-    run, is_empty = example.run, all(row.source == "none" for row in example.rows)
+    run, radar, is_empty = example.run, recording.radar, all(row.source == "none" for row in example.rows)
     return {
         "carrier_hz": run.radar.carrier_hz,
-        "prf_hz": recording.radar.prf_hz,
-        "observation_s": (
-            recording.n_pulses / recording.radar.prf_hz
-            if recording.radar.burst_pulses is None
-            else recording.observation_s
-        ),
-        "environment": _format_specs(run.environment),
-        "impairments": _format_specs(run.impairments),
+        "prf_hz": radar.prf_hz,
+        "observation_s": recording.n_pulses / radar.prf_hz if radar.burst_pulses is None else recording.observation_s,
+        "environment": format_canonical_json([s.model_dump(mode="json") for s in run.environment]),
+        "impairments": format_canonical_json([s.model_dump(mode="json") for s in run.impairments]),
         "radar_height_m": run.scene.radar_position_m[2],
         "snr_frame_db": None if is_empty else recording.snr_frame_db,
         "gate_error_m": None if example.is_episode else example.gate_error_m,
@@ -131,10 +127,6 @@ def describe_scene(example: ExampleSpec, recording: Recording) -> list[dict[str,
             }
         )
     return rows
-
-
-def _format_specs(specs: Sequence[FrozenModel]) -> str:
-    return json.dumps([spec.model_dump(mode="json") for spec in specs], sort_keys=True, separators=(",", ":"))
 
 
 def _mean_aspect_deg(truth: TargetTruth) -> float:

@@ -122,6 +122,9 @@ def test_mistakes_are_one_clear_error(own, folder, tmp_path):
     with pytest.raises(DatasetError, match="not a model of doppelgait"):
         text_of("classify", own / "walk.h5", "--model", own / "walk.h5")
     assert not list(tmp_path.iterdir())
+    text_of("analyze", own / "walk.h5", "-o", tmp_path / "r.h5")
+    with pytest.raises(ConfigError, match=r"^--hop-s: the file holds results"):
+        text_of("classify", tmp_path / "r.h5", "--hop-s", 0)
 
 
 def export(*words):

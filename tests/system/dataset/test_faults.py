@@ -19,7 +19,7 @@ from dataset_plans import check_whole, dataset_hash, mini_plan, tiny_plan, whole
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.build import build_dataset, read_dataset_status
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.finish import DATA_VERSION, SCHEMA_VERSION
+from doppelgait.dataset.finish import DATA_VERSION, LOG, SCHEMA_VERSION
 from doppelgait.dataset.lock import Part, build_lock, list_running_builds
 
 LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs Linux")
@@ -88,11 +88,15 @@ def test_a_full_disk_at_log_and_lock_is_one_error(tmp_path, monkeypatch, mini_ha
     assert dataset_hash(tmp_path / "d") == mini_hash
 
 
-@pytest.mark.skipif(os.name != "posix", reason="has no pipes in folders")
-def test_a_log_that_is_a_pipe_blocks_nothing(tmp_path):
-    os.mkfifo(tmp_path / build.LOG)
-    with pytest.raises(OSError, match="is no regular file"):
-        build.log_entry(tmp_path, {})
+@LINUX
+def test_a_log_that_is_a_pipe_or_link_blocks_and_makes_nothing(tmp_path):
+    os.mkfifo(tmp_path / LOG)
+    (tmp_path / "link").mkdir()
+    (tmp_path / "link" / LOG).symlink_to(tmp_path / "target")
+    for folder, says in ((tmp_path, "No such device"), (tmp_path / "link", "symbolic links")):
+        with pytest.raises(OSError, match=says):
+            build.log_entry(folder, {})
+    assert not (tmp_path / "target").exists()
 
 
 LIMITED = """

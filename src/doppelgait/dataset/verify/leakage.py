@@ -242,7 +242,6 @@ def check_nuisance(contents: Contents) -> Check:
 
 
 def _has_question(table: pd.DataFrame) -> bool:
-    """Return True for two classes or more and a parameter that varies."""
     return table["label"].nunique() > 1 and len(table.columns) > 2
 
 
