@@ -10,8 +10,10 @@ import typer
 
 from doppelgait.cli.output import (
     AsJson,
+    DpiOption,
     FigureFormat,
     FigureOption,
+    StyleOption,
     check_output,
     explain_reader_options,
     format_number,
@@ -90,6 +92,8 @@ def analyze(
     options: ReaderOptions = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to write figures into.")] = None,
     figure_format: FigureOption = FigureFormat.png,
+    style: StyleOption = "screen",
+    dpi: DpiOption = None,
     window_s: WindowS = None,
     hop_s: HopS = None,
     as_json: AsJson = False,
@@ -124,9 +128,12 @@ def analyze(
     if output is not None:
         write_results(output, loaded, results)
     if figures is not None:
-        from doppelgait.cli.figures import save_figures
+        from doppelgait.cli.figures import make_figures, save_figures
 
-        for path in save_figures(loaded, results, settings.resolved(choice), figures, figure_format):
+        plots = make_figures(loaded, results, settings.resolved(choice))
+        if style == "paper":  # an overview is a page of its own
+            plots = (each for each in plots if not each[0].endswith("overview"))
+        for path in save_figures(plots, figures, figure_format, style=style, dpi=dpi):
             print_message(f"figure: {path}")
     if as_json:
         print_json(describe_results(loaded, results))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -17,18 +18,17 @@ from doppelgait.radar import Recording
 
 
 def save_figures(
-    recording: Recording, results: Sequence[Result], analysis: Analysis, folder: Path, form: str = "png"
+    figures: Iterable[tuple[str, Figure]], folder: Path, form: str = "png", **settings: Any
 ) -> Iterator[Path]:
-    """Plot every figure into a folder."""
-    recording = recording.with_frames(clean_frames(recording.frames, analysis))
+    """Write every figure into a folder."""
     make_folder(folder)
-    for name, figure in _make_figures(recording, results, analysis):
-        path = folder / f"{name}.{form}"
-        viz.save_figure(figure, path)
-        yield path
+    for name, figure in figures:
+        yield viz.save_figure(figure, folder / f"{name}.{form}", **settings)
 
 
-def _make_figures(recording: Recording, results: Sequence[Result], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
+def make_figures(recording: Recording, results: Sequence[Result], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
+    """Plot every figure of a recording and its results."""
+    recording = recording.with_frames(clean_frames(recording.frames, analysis))
     names = [
         result.label or "target" if len(results) == 1 else f"{number}: {result.label or 'target'}"
         for number, result in enumerate(results)

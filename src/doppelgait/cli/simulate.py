@@ -221,7 +221,7 @@ def run_demo(
     Example: doppelgait demo -o demo
     """
     from doppelgait.cli.analyze import print_features
-    from doppelgait.cli.figures import save_figures
+    from doppelgait.cli.figures import make_figures, save_figures
     from doppelgait.core.config import read_toml
     from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
     from doppelgait.radar import write_recording
@@ -232,7 +232,7 @@ def run_demo(
     write_recording(recording, output / "recording.h5")
     results = analyze(recording, gate="truth", analysis=spec.analysis)
     write_results(output / "result.h5", recording, results)
-    for path in save_figures(recording, results, spec.analysis, output, figure_format):
+    for path in save_figures(make_figures(recording, results, spec.analysis), output, figure_format):
         print_message(f"figure: {path}")
     print_features(results)
     print_message(f"recording and results: {output / 'recording.h5'}, {output / 'result.h5'}")

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
 from doppelgait.core.documents import parse_json, parse_toml, read_document
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, list_choices
 from doppelgait.core.keys import TABLES, expand_docstring
 
 M = TypeVar("M", bound=BaseModel)
@@ -49,11 +49,18 @@ else:
             except ValidationError as error:
                 raise _make_error(f"{cls.__name__}: ", _find_faults(error, cls, data)) from None
 
+        def __dir__(cls) -> list[str]:
+            """Name what belongs to the model, without what pydantic adds for itself."""
+            return sorted({*super().__dir__(), *cls.model_fields} - _FOREIGN)
+
 
 def _is_sensible(value: Any, least: float) -> bool:
     if isinstance(value, list | tuple):
         return all(_is_sensible(inner, least) for inner in value)
     return type(value) is not float or not math.isfinite(value) or least <= abs(value or 1) <= MAX_SIZE
+
+
+_FOREIGN = {name for name in dir(BaseModel) if not name.startswith("_")} - {"model_dump", "model_fields"}
 
 
 class FrozenModel(BaseModel, metaclass=_Checked):
@@ -87,6 +94,9 @@ class FrozenModel(BaseModel, metaclass=_Checked):
         except ValidationError as error:
             raise _make_error(f"{cls.__name__}: ", _find_faults(error, cls, None)) from None
 
+    def __dir__(self) -> list[str]:
+        return dir(type(self))
+
     def __setattr__(self, name: str, value: Any = None) -> None:
         raise ConfigError(f"{type(self).__name__}.{name}: is frozen; make a changed copy with .replace({name}=...)")
 
@@ -114,7 +124,7 @@ def check_type(value: Any, kinds: type | tuple[type, ...], name: str, remedy: st
 def check_choice(value: object, allowed: Collection[str], name: str) -> None:
     """Raise unless an argument is an allowed name."""
     if value not in [*allowed]:
-        raise ConfigError(f"{name}: {value!r} is not allowed; it must be one of {', '.join(allowed)}")
+        raise ConfigError(f"{name}: {value!r} is not allowed; it must be one of {list_choices(allowed, value)}")
 
 
 def validate(
@@ -201,8 +211,9 @@ def reword_fault(message: str) -> str:
 
 def _describe(fault: Any, location: tuple[str | int, ...], model: type[BaseModel]) -> Fault:
     if fault["type"] == "extra_forbidden":
-        allowed = ", ".join(sorted(_list_fields_at(model, location[:-1])))
-        return Fault(location, "", "unknown key" + (f"; allowed are {allowed}" if allowed else ""))
+        allowed = sorted(_list_fields_at(model, location[:-1]))
+        words = f"; allowed are {list_choices(allowed, location[-1])}" if allowed else ""
+        return Fault(location, "", "unknown key" + words)
     if fault["type"] == "missing":
         return Fault(location, "", "is required")
     value, message = fault.get("input"), reword_fault(fault["msg"])

@@ -15,7 +15,11 @@ PICTURE_IN = (5.2, 3.2)  # width and height of the picture
 
 
 def plot(name: str, value: Any, *, ax: Any = None, **settings: Any) -> Any:
-    """Plot an object by the named function; return its axes."""
+    """Plot an object by the named function; return its axes, by default those of a new figure of pyplot."""
+    if ax is None:
+        from matplotlib import pyplot
+
+        ax = pyplot.subplots(figsize=(10.5, 5.5), layout="constrained")[1]
     return DRAWINGS[name].run(value, ax=ax, **settings)
 
 
@@ -39,7 +43,7 @@ def show_html(title: str, facts: Mapping[str, str], name: str, value: Any) -> st
     )
     picture = ""
     if name:
-        figure = plot(name, value).figure
+        figure = DRAWINGS[name].run(value).figure
         figure.set_size_inches(*PICTURE_IN)
         image = io.BytesIO()
         figure.savefig(image, format="png", dpi=80, metadata={"Software": None})

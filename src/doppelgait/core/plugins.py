@@ -20,7 +20,7 @@ from pydantic import BeforeValidator, SerializeAsAny
 
 from doppelgait.core.config import FrozenModel, InnerError, validate
 from doppelgait.core.documents import stat_regular
-from doppelgait.core.errors import ConfigError, warn_caller
+from doppelgait.core.errors import ConfigError, list_choices, warn_caller
 
 T = TypeVar("T")
 
@@ -183,7 +183,7 @@ class Group(Generic[T]):
     def __getitem__(self, name: str) -> Plugin[T]:
         found = self._load_plugins()
         if name not in self:
-            raise ConfigError(f"unknown {self.noun} {name!r}; known are: {', '.join(sorted(found))}")
+            raise ConfigError(f"unknown {self.noun} {name!r}; known are: {list_choices(sorted(found), name)}")
         return found[name]
 
     def __contains__(self, name: object) -> bool:
@@ -214,7 +214,7 @@ class Group(Generic[T]):
         table = {"kind": value} if isinstance(value, str) else value
         kind = table.get("kind") if isinstance(table, Mapping) else None
         if not isinstance(kind, str) or kind not in self:
-            raise ConfigError(f"{self.noun} kind {kind!r} is not allowed: known are {', '.join(self)}")
+            raise ConfigError(f"{self.noun} kind {kind!r} is not allowed: known are {list_choices(self, kind)}")
         model = self[kind].parameters
         if model is None:
             raise ConfigError(f"{self.noun} {kind!r} has no parameters")

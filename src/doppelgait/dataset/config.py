@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeFloat, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel, apply_overrides, read_toml, validate
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, list_choices
 from doppelgait.pipeline import Tracking
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import GateChoice
@@ -454,7 +454,10 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
         table, text = read_toml(name)
         folder = Path(name).resolve().parent
     else:
-        raise ConfigError(f"{name}: neither a file nor a built-in plan; built-in plans are: {', '.join(plan_names())}")
+        known = list_choices(plan_names(), name)
+        raise ConfigError(f"{name}: neither a file nor a built-in plan; built-in plans are: {known}")
+    if "targets" in table and "dataset" not in table:
+        raise ConfigError(f"{name}: is a scene, not a plan: doppelgait simulate {name}")
     return validate(PlanConfig, apply_overrides(table, overrides), where=name, text=text), folder
 
 

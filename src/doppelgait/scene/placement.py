@@ -18,7 +18,14 @@ import numpy.typing as npt
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning, MotionError, warn_caller
+from doppelgait.core.errors import (
+    ConfigError,
+    DoppelgaitError,
+    DoppelgaitWarning,
+    MotionError,
+    list_choices,
+    warn_caller,
+)
 from doppelgait.core.notebook import show_html
 from doppelgait.core.rng import Streams
 from doppelgait.core.units import FloatArray
@@ -364,7 +371,7 @@ def _check_model(table: Mapping[str, Any]) -> FrozenModel:
 
     kind = str(table["kind"])
     if kind not in MOTION_MODELS:
-        raise ConfigError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
+        raise ConfigError(f"unknown kind {kind!r}; known are: file, {list_choices(MOTION_MODELS, kind)}")
     return check_table(table, where=f"kind {kind!r}").parameters
 
 

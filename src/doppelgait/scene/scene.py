@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, SerializeAsAny, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel, InnerError, as_table, read_toml, validate, write_toml
-from doppelgait.core.errors import ConfigError
-from doppelgait.core.notebook import show_text
+from doppelgait.core.errors import ConfigError, list_choices
+from doppelgait.core.notebook import plot, show_text
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.paths import Path, make_path
 from doppelgait.motion.retime import ScalingMode, Variation
@@ -44,7 +44,7 @@ def _parse_motion(value: Any) -> Any:
     from doppelgait.motion.models.registry import MOTION_MODELS, check_table
 
     if kind not in MOTION_MODELS:
-        raise ValueError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
+        raise ValueError(f"unknown kind {kind!r}; known are: file, {list_choices(MOTION_MODELS, kind)}")
     try:
         return check_table(value, where=f"kind {kind!r}")
     except ConfigError as error:
@@ -312,6 +312,10 @@ class Scene(FrozenModel):
                     'model, { kind = "...", ... }, or a file, { kind = "file", path = "..." }'
                 )
         return write_toml(as_table(self))
+
+    def plot(self, *, ax: Any = None) -> Any:
+        """Plot the scene from above, on axes or a new figure: radar, starts and headings."""
+        return plot("scene", self, ax=ax)
 
     def __repr__(self) -> str:
         return show_text("Scene", self.tabulate_facts())
