@@ -1,8 +1,8 @@
 # make dataset   set everything up and build the home-alarm dataset from gait models
 # make check     set everything up, lint, type-check and run the tests in this process, 90 s on two processors
 # make test      the same, and the tests of processes, built datasets, training and the browser, as continuous integration does, 5 minutes
-# make release   every test, also those marked `release`: site, examples of the pages, kills, clusters, wheel, studies, as every night
-# make fuzz      damage files for everything that reads them, CASES=100000 of them; make release has a short run
+# make release   known vulnerabilities of dependencies, and every test, also those marked `release`: site, examples of the pages, kills, clusters, wheel, studies, as every night
+# make fuzz      damage files for everything that reads them, CASES=100000 of them, and print a table; make release has a short run
 # make docs      build the documentation site into docs/_build/html, warnings are errors
 PYTHON ?= python3
 VENV := .venv
@@ -10,7 +10,7 @@ BIN := $(VENV)/bin
 PACKAGES := --editable packages/liland2018 --editable packages/conformance
 BUILT_FROM := pyproject.toml hatch_build.py $(wildcard packages/*/pyproject.toml native/*)
 
-.PHONY: dataset fuzz check lint test release docs docs-links benchmark clean
+.PHONY: dataset fuzz check lint test release audit docs docs-links benchmark clean
 
 dataset: $(VENV)/.installed
 	$(BIN)/doppelgait dataset build home-alarm -o home-alarm
@@ -39,13 +39,21 @@ check: $(VENV)/.installed-test
 test: $(VENV)/.installed-test
 	$(call PYTEST,-m "not release")
 
-release: $(VENV)/.installed-test
+release: audit
 	$(call PYTEST,)
+
+# A known vulnerability of an installed package fails; without an answer (no network), that is one line.
+audit: $(VENV)/.installed-test
+	@said=$$($(BIN)/python -m pip_audit --skip-editable --progress-spinner off --timeout 15 2>&1) && echo "audit: $$(echo "$$said" | head -n 1)," \
+	"$$(echo "$$said" | grep -c "could not be audited") packages could not be checked" \
+	|| case "$$said" in \
+	*known\ vulnerabilit*) echo "$$said" >&2; exit 1 ;; \
+	*) echo "audit: known vulnerabilities were not checked: $$(echo "$$said" | tail -n 1)" ;; esac
 
 CASES ?= 100000
 SEED ?= 0
 fuzz: $(VENV)/.installed-test
-	OMP_NUM_THREADS=1 $(BIN)/python tests/fuzz/fuzz.py --cases $(CASES) --seed $(SEED)
+	@OMP_NUM_THREADS=1 $(BIN)/python tests/fuzz/fuzz.py --cases $(CASES) --seed $(SEED)
 
 docs: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html

@@ -29,7 +29,7 @@ from doppelgait.classify.alarm import answer_day, format_day, score_at_threshold
 from doppelgait.classify.model_file import load_shipped_model
 from doppelgait.classify.report import format_interval
 from doppelgait.classify.timeline import follow_rows
-from doppelgait.dataset import Dataset, PlanConfig, build_dataset, open_dataset
+from doppelgait.dataset import Dataset, build_dataset, open_dataset
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
 
@@ -45,12 +45,6 @@ def build_animals(seed: int, out: Path, folder: Path) -> Dataset:
     kinds = tuple(one for one in plan.episodes if one.animals and not one.should_trigger)
     build_dataset(plan.model_copy(update={"episodes": kinds}), out, folder=folder, max_failed_share=0.02)
     return open_dataset(out)
-
-
-def count_animal_hours(day: PlanConfig) -> float:
-    """Return hours of animals in recordings that should not trigger."""
-    wrong = [one for one in day.episodes if not one.should_trigger]
-    return sum(one.animals * one.duration_s * day.count_class_examples(one) for one in wrong) / 3600.0
 
 
 def main() -> None:
@@ -72,10 +66,14 @@ def main() -> None:
                 datasets += [build_animals(seed, options.out / f"animals-{seed}", folder) for seed in SEEDS]
             human = model.of_tracks.facts.classes.index("human")
             answers = [follow_rows(each, model)[:, human] for each in datasets]
-            episodes = [one for pair in zip(datasets, answers, strict=True) for one in answer_day(*pair)]
+            pairs = enumerate(zip(datasets, answers, strict=True))  # recordings of other seeds have equal names
+            parts = [answer_day(*pair).assign(scene=lambda all, n=n: f"{n}/" + all["scene"]) for n, pair in pairs]
+            episodes = pd.concat(parts, ignore_index=True)
             ends = bench.score_part(dataset, answers[0])
             at_5 = score_at_threshold(day, episodes, ends["alarm"]["threshold"])
-            hours = sum(count_animal_hours(each.plan_config) for each in datasets)
+            plans = [each.plan_config for each in datasets]
+            wrong = [(plan.count_class_examples(one), one) for plan in plans for one in plan.episodes]
+            hours = sum(n * one.animals * one.duration_s for n, one in wrong if not one.should_trigger) / 3600.0
             scored = score_day(day, episodes, model)["thresholds"]
             own = next(scores for scores in scored if scores["model"])
             rows = format_day({"thresholds": [*scored, at_5 | {"model": False}]})

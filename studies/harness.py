@@ -203,7 +203,8 @@ def format_index() -> str:
     missing = [(f"`studies/{stem}.py`", text.title, text.time) for stem, text in others.items()]
     parts = [
         "# Evidence",
-        "Each page belongs to a script in `studies/`: question, method, the command that makes it again, and tables. "
+        "Each page belongs to a script in `studies/` (that on reliability to `tests/fuzz`): question, method, the "
+        "command that makes it again, and tables. "
         f"The present data version is {DATA_VERSION}.",
         markdown(("page", "data version"), rows),
         "Studies without a page (they make tables of the package, or have not been run):",

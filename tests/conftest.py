@@ -129,6 +129,14 @@ def pytest_runtest_logfinish(nodeid: str, location: object) -> None:
     _Now.room = None
 
 
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Print the attacks that tests count, as a table of a page."""
+    reports = terminalreporter.stats.get("passed", ())
+    rows = [row for report in reports for name, row in report.user_properties if name == "attack"]
+    for row in [("attack", "count", "outcome"), ("---", "---:", "---"), *rows] if rows else []:
+        terminalreporter.write_line(f"| {' | '.join(map(str, row))} |")
+
+
 def _refuse_processes(event: str, arguments: object) -> None:
     """Tests of `make check` start no process."""
     if event in PROCESS_EVENTS and _Now.room not in (None, *PROCESS_ROOMS):

@@ -7,7 +7,7 @@ import re
 from pydantic import BaseModel
 
 from doppelgait.cli.topics import TOPICS, models_of
-from doppelgait.core.keys import Key, list_keys, summary_of
+from doppelgait.core.keys import Key, list_keys
 
 Group = tuple[str, str, list[tuple[str, type[BaseModel]]]]
 """Title, words, and the tables of a page: heading and model."""
@@ -62,7 +62,7 @@ def settings_page(title: str, words: str, models: list[tuple[str, type[BaseModel
 
 
 def _summary(model: type[BaseModel]) -> str:
-    return _markdown(summary_of(model))
+    return _markdown(" ".join((model.__doc__ or "").split("\n\n")[0].split()))
 
 
 def _row(key: Key) -> str:

@@ -9,7 +9,6 @@ from scipy.special import expit, logit
 from sklearn.linear_model import LogisticRegression
 
 from doppelgait.classify import adapt as adaptation
-from doppelgait.classify import adapt as adapting
 from doppelgait.classify.data import Rows
 from doppelgait.classify.learned import Linear
 from doppelgait.classify.model import Calibration, Facts, Model
@@ -130,7 +129,7 @@ def test_targets_who_are_drawn_are_not_scored():
 
 
 def test_a_shifted_threshold_is_found_by_few_recordings(model, monkeypatch):
-    monkeypatch.setattr(adapting, "REPEATS", 10)
+    monkeypatch.setattr(adaptation, "REPEATS", 10)
     rows, values = own_rows()
     curve = adaptation.score_adaptation(model, rows, values, np.random.default_rng(1), counts=(0, 2, 10, 500))
     assert [point["n"] for point in curve] == [0, 2, 10]
@@ -145,7 +144,7 @@ def test_a_shifted_threshold_is_found_by_few_recordings(model, monkeypatch):
 
 def test_without_a_change_the_same_targets_score_as_before(model, monkeypatch):
     """Few targets are left to score: their score differs from that of all, and says nothing about the adaptation."""
-    monkeypatch.setattr(adapting, "adapt", lambda model, *_: model)
+    monkeypatch.setattr(adaptation, "adapt", lambda model, *_: model)
     rows, values = own_rows(6, seed=7, offset=1.5)
     for point in adaptation.score_adaptation(model, rows, values, np.random.default_rng(1), counts=(0, 1, 2)):
         assert point["balanced_accuracy"] == point["before"]

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.stats import chi2
 
-from doppelgait.classify import alarm, classify_over_time, load_shipped_model
+from doppelgait.classify import alarm, classify_over_time, evaluation, load_shipped_model
 from doppelgait.classify.data import Rows, list_windows, mark_shared
 from doppelgait.classify.learned import Seen
 from doppelgait.classify.timeline import follow_rows
@@ -57,15 +57,17 @@ def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream
     (day, folder), model = alarm.load_day(repeats=2), load_shipped_model("x4")
     chosen = tuple(one for one in day.episodes if one.label == "a person and a dog cross the room")
     dataset = alarm.build_day(day.model_copy(update={"episodes": chosen}), model, tmp_path / "day", folder=folder)
-    human = model.of_tracks.facts.classes.index("human")
     assert mark_shared(dataset.index).any()
-    for number, episode in enumerate(alarm.answer_day(dataset, follow_rows(dataset, model)[:, human])):
+    human = model.of_tracks.facts.classes.index("human")
+    answers = alarm.answer_day(dataset, follow_rows(dataset, model)[:, human])
+    triggers = alarm.find_triggers(answers, model.of_tracks.facts.alarm_threshold)
+    for number, scene in enumerate(answers["scene"].unique()):
         run, raised = resolve_example(dataset.plan_config, number, folder).run, {}
         recording = simulate_placed(run, place(run.scene, run.streams, folder=folder), angles=False)
         for one in classify_over_time(recording, model):
             if one.alarm:
                 raised.setdefault(one.track, one.stop_s)
-        assert sorted(raised.values()) == episode.find_triggers(model.of_tracks.facts.alarm_threshold).tolist()
+        assert sorted(raised.values()) == sorted(triggers.loc[triggers["scene"] == scene, "stop_s"])
 
 
 def test_a_classifier_from_outside_is_scored_by_its_answers_to_tracks(tmp_path):
@@ -81,20 +83,19 @@ def test_a_classifier_from_outside_is_scored_by_its_answers_to_tracks(tmp_path):
     plan = {"dataset": dataset, "noise": {"kind": "thermal"}, "episodes": [entry, empty]}
     build_dataset(PlanConfig.model_validate(plan), tmp_path / "d", executor="serial")
     dataset = open_dataset(tmp_path / "d")
-    episodes = {one.label: one for one in alarm.answer_day(dataset, by_level(dataset))}
-    assert episodes["no one"].tracks == {}
-    ((times_s, scores),) = episodes["comes in"].tracks.values()
+    answers = alarm.answer_day(dataset, by_level(dataset)).sort_values("stop_s")
+    assert answers.groupby("label")["score"].max()["no one"] == -np.inf
+    times_s, scores = answers.loc[np.isfinite(answers["score"]), ["stop_s", "score"]].to_numpy().T
     assert (np.diff(times_s) > 1.0).all()
     assert scores[0] == 0.0  # one window alone raises no alarm
     assert (scores[1:] > 0.5).all()
 
 
 def test_a_track_raises_its_alarm_once_and_keeps_it():
-    one = alarm.Episode(
-        "x", {0: (np.arange(6.0), np.array([0.9, 0.9, 0.2, 0.8, 0.1, 0.9])), 1: (np.ones(1), np.full(1, 0.8))}
-    )
-    assert one.find_triggers(0.8).tolist() == [0, 1]
-    assert one.find_triggers(0.95).size == 0
+    table = {"stop_s": [*np.arange(6.0), 1.0], "score": [0.9, 0.9, 0.2, 0.8, 0.1, 0.9, 0.8]}
+    one = pd.DataFrame(table).assign(scene="x", track=[0] * 6 + [1])
+    assert alarm.find_triggers(one, 0.8)["stop_s"].tolist() == [0, 1]
+    assert alarm.find_triggers(one, 0.95).empty
 
 
 def test_two_windows_in_succession_confirm_an_alarm():
@@ -127,9 +128,9 @@ def test_rates_by_hand():
         {"label": "fan", "hours_per_day": 3, "duration_s": 18, "targets": []},
     ]
     day = PlanConfig(dataset={"name": "d", "examples_per_class": 2}, episodes=tuple(episodes))
-    quiet, loud = ({0: (np.array([3.0, 4.0]), np.array([0.0, score]))} for score in (0.0, 0.9))
-    kinds = (("entry", loud), ("entry", quiet), ("dog", loud), ("dog", quiet), ("fan", loud), ("fan", loud))
-    made = [alarm.Episode(*kind) for kind in kinds]
+    kinds = [("entry", 0.9), ("entry", 0.0), ("dog", 0.9), ("dog", 0.0), ("fan", 0.9), ("fan", 0.9)]
+    rows = [(str(n), label, 3.0 + k, k * score) for n, (label, score) in enumerate(kinds) for k in (0, 1)]
+    made = pd.DataFrame(rows, columns=("scene", "label", "stop_s", "score")).assign(track=0)
     model = a_model(alarm="human", alarm_threshold=0.6)
     found = alarm.score_day(day, made, model)
     own = next(one for one in found["thresholds"] if one["model"])
@@ -164,7 +165,7 @@ def test_a_person_triggers_and_a_fan_does_not():
     episodes = [one for one in day.episodes if one.label in durations_s]
     chosen = tuple(one.model_copy(update={"duration_s": durations_s[one.label]}) for one in episodes)
     day = day.model_copy(update={"episodes": chosen})
-    own = next(one for one in alarm.score_day(day, alarm.run_day(day, model), model)["thresholds"] if one["model"])
+    own = next(one for one in alarm.score_alarm(model, day=day)["thresholds"] if one["model"])
     assert own["missed"] == 0
     assert own["false_per_day"]["value"] == 0
     assert 0 < own["seconds_to_detect"][0] < 14
@@ -175,6 +176,19 @@ def test_a_model_without_an_alarm_is_told():
     with pytest.raises(
         ConfigError, match="model garden: has no alarm: its classes are cat, dog; train with --alarm-class"
     ):
-        alarm.run_day(alarm.load_day()[0], model)
+        alarm.score_alarm(model)
     with pytest.raises(ConfigError, match="home-alarm: is a plan of classes; a day of an alarm needs"):
         alarm.load_day("home-alarm")
+    with pytest.raises(ConfigError, match="--repeats 0: must be 1 or more"):
+        alarm.score_alarm(model, repeats=0)
+
+
+def test_the_threshold_of_tracks_bounds_false_alarms_too():
+    people, pets = np.linspace(0.3, 0.999, 100), np.linspace(0.0, 0.9, 1000)
+    probability = np.repeat(np.concatenate([people, pets, [0.95]]), 2)  # a pet beside a person rings at 0.95
+    groups = np.repeat([*(f"p{n}" for n in range(100)), *(f"a{n}" for n in range(1000)), "p0"], 2)
+    is_person = np.repeat([True] * 100 + [False] * 1001, 2)
+    seen = [Seen(None, n // 2, float(n % 2)) for n in range(probability.size)]
+    reached = evaluation.find_alarm_threshold(probability, is_person, groups, seen)
+    assert reached == (pytest.approx(pets[-2], abs=1e-9), 100)  # of 999 pets that are ever above 0, one may
+    assert evaluation.find_alarm_threshold(probability, is_person, groups)[0] == pytest.approx(people[5])

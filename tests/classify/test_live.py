@@ -72,7 +72,7 @@ def test_a_stream_gives_the_decisions_of_its_file(walk, hop_s):
     expected = of_file(walk, hop_s=hop_s)
     same(list(found), expected)
     assert len(expected) == int((4.2 - 2.0) / hop_s + 1e-9) + 1
-    assert found.counts.as_dict() == {
+    assert vars(found.counts) == {
         "frames": walk.n_pulses, "filled": 0, "malformed": 0, "late": 0, "jumps": 0, "windows": len(expected),
         "skipped": 0, "failed": 0,
     }  # fmt: skip

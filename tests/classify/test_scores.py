@@ -6,8 +6,8 @@ from scipy.stats import binom
 from sklearn import metrics
 
 from doppelgait.classify import scores
-from doppelgait.classify.learned import log_softmax
 from doppelgait.classify.model import calibrate, find_detection_threshold, row_weights
+from doppelgait.classify.scorer import log_softmax
 
 
 def test_against_sklearn():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from doppelgait.classify import timeline
+from doppelgait.classify import classify, timeline
 from doppelgait.classify.decide import Decision, TargetInputs
 from doppelgait.classify.timeline import CHANGE_PER_S, Tracks, _ClassEvidence, check_window, join_decisions
 from doppelgait.core.errors import AnalysisError, ConfigError
@@ -85,6 +85,10 @@ def test_windows_of_a_simulation_take_the_true_gate(walk):
 def test_a_recording_shorter_than_a_window_says_so(walk):
     with pytest.raises(AnalysisError, match=r"lasts 5 s, less than a window of 6 s"):
         list(cut_windows(walk, 6.0, 1.0))
+    with pytest.raises(ConfigError, match="window_s: 'long' is not allowed; must be float"):
+        timeline.classify_over_time(walk, window_s="long")
+    with pytest.raises(TypeError, match="window_s"):
+        classify(walk, window_s=3.0)
 
 
 def test_window_and_hop_have_defaults_of_the_model():
@@ -176,8 +180,8 @@ def test_memory_of_links_and_beliefs_does_not_grow(monkeypatch):
     tracks = Tracks(MODEL)
     for n in range(200):
         tracks.add(window(n * 1.0), [target(1.0 + 30.0 * n, 0.0, length_s=0.5)])
-    assert 1 < len(tracks.links.kept) <= 10
-    assert set(tracks._beliefs) <= tracks.links.kept
+    assert 1 < len(tracks.links.paths) <= 10
+    assert set(tracks._beliefs) <= set(tracks.links.paths)
 
 
 def test_the_belief_is_that_of_all_histories():

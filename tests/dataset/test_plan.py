@@ -362,8 +362,9 @@ def test_built_in_plans_load_and_an_unknown_name_lists_them(tmp_path):
     assert "home-alarm" in plan_names()
     loaded, _ = load_plan("home-alarm")
     assert loaded.dataset.name == "home-alarm"
-    with pytest.raises(ConfigError, match="home-alarm"):
-        load_plan(tmp_path / "nothing.toml")
+    for name in (tmp_path / "nothing.toml", "x" * 300, "x\0"):
+        with pytest.raises(ConfigError, match="neither a file nor a built-in plan; built-in plans are: home-alarm"):
+            load_plan(name)
 
 
 STRIDE_SETTINGS = {

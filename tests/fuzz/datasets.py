@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from readers import Target
+from readers import Target, main_file
 
 import tiny_dataset
 from doppelgait.core.config import validate, write_toml
@@ -76,13 +76,13 @@ def plan_seeds(folder: Path) -> None:
 
 def run_plan(folder: Path) -> None:
     """Check a plan, plan its examples and draw some of them."""
-    path = next(folder.iterdir())
+    path = main_file(folder, "")
     if path.suffix == ".toml":
         config, _ = load_plan(path)
     else:
         try:
             table = parse_json(path.read_bytes())
-        except ValueError:
+        except (OSError, ValueError):
             return
         if not isinstance(table, dict):
             return
@@ -113,8 +113,9 @@ def _hashes(folder: Path) -> dict[str, str]:
 
 def run_dataset(folder: Path) -> None:
     """Report, verify and read a dataset; damage that ``verify`` does not find is nonsense."""
-    changed = _hashes(folder) != SEEDS
-    passed = False
+    changed, passed = True, False
+    with suppress(OSError):  # of a file that is gone meanwhile
+        changed = _hashes(folder) != SEEDS
     with suppress(DoppelgaitError):
         passed = verify_dataset(folder, share=0.0, rng=np.random.default_rng(1)).passed
     assert not (passed and changed), "verify found nothing"
@@ -155,13 +156,13 @@ def shard_seeds(folder: Path) -> None:
 
 def run_shard(folder: Path) -> None:
     """Read all examples of a shard."""
-    path, (whole,) = next(folder.iterdir()), WHOLE
+    path, (whole,) = main_file(folder, ""), WHOLE
     rows = whole.index[whole.index["shard"] == path.stem].reset_index(drop=True)
     _read_all(Dataset(folder, whole.description, rows, ShardFiles(folder, whole.description["id"])))
 
 
 TARGETS = {
-    "plan": Target(plan_seeds, run_plan),
-    "dataset": Target(dataset_seeds, run_dataset),
-    "shard": Target(shard_seeds, run_shard),
+    "plan": Target(plan_seeds, run_plan, 60),
+    "dataset": Target(dataset_seeds, run_dataset, 4),
+    "shard": Target(shard_seeds, run_shard, 16),
 }

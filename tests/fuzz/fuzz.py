@@ -3,12 +3,14 @@
     python tests/fuzz/fuzz.py --cases 100000
 
 Every case is a seed of a target with damage. A case is bad when it ends the process, takes more than 15 s of processor
-time or 1 GB of memory, raises anything but the package's own errors, or returns nonsense. Bad cases are printed and
-kept with ``--keep FOLDER``; ``--first N --cases 1 --target T`` runs one again. The numbers of a target, its seeds and
-the damage are the same in every run with the same ``--seed``.
+time or 1 GB of memory, raises anything but the package's own errors, or returns nonsense. The cases are divided by the
+shares of the targets. The output is a table of a page; bad cases go to the error output and, with ``--keep FOLDER``,
+to a folder. ``--first N --cases 1 --target T`` runs one again: the numbers of a target, its seeds and the damage are
+the same in every run with the same ``--seed``.
 """
 
 import argparse
+import gc
 import importlib
 import json
 import os
@@ -18,11 +20,11 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 import traceback
 import warnings
 import zlib
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,7 @@ MODULES = ("readers", "datasets", "models")
 """Files of this folder with ``TARGETS``; those that are not there are left out."""
 SECONDS = 15.0  # the slowest case takes 2 to 6 s, by machine
 MEMORY = 1_000_000_000
+FAST = Path("/dev/shm")  # a folder in memory: on a disk, the files of a case take as long as reading them
 
 
 def find_target(name: str) -> Any:
@@ -52,28 +55,38 @@ def target_names() -> list[str]:
     return ["attacks", *(name for module in found for name in importlib.import_module(module).TARGETS)]
 
 
-def memory_bytes(name: str) -> int:
-    """A line of the process's own accounts in bytes; 0 where the system has none."""
-    try:
-        lines = Path("/proc/self/status").read_text().splitlines()
-    except OSError:
-        return 0
-    return next((1024 * int(line.split()[1]) for line in lines if line.startswith(name)), 0)
+def run_meanwhile(run: Any, rng: Any, folder: Path) -> None:
+    """Truncate, delete or replace a file at a random one of the calls that reading takes."""
+    whole, calls = shutil.copytree(folder, folder.with_name("whole-case")), [0, 0]
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    path, kind = files[rng.integers(len(files))], rng.integers(4)
+    rest = path.read_bytes()[: int(path.stat().st_size * rng.random())]
+    other = folder.with_name("other")
+    other.write_bytes(rest[::-1])
+    change = (partial(os.truncate, path, len(rest)), path.unlink, partial(path.rename, path.with_name("moved")),
+              partial(os.replace, other, path))[kind]  # fmt: skip
 
+    def count(*_: Any) -> None:
+        calls[0] += 1
+        if calls[0] == calls[1]:
+            sys.setprofile(None)
+            change()
 
-def reset_peak() -> None:
-    """Let the highest use of memory begin anew."""
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
+    for place in (whole, folder):
+        calls[:] = 0, int(rng.integers(1, calls[0] + 1)) if place == folder else 0
+        sys.setprofile(count)
+        try:
+            run(place)
+        finally:
+            sys.setprofile(None)
+            shutil.rmtree(whole, ignore_errors=True)
 
 
 def fault_of(run: Any, folder: Path, *, refused: bool = False) -> str:
     """What is bad about one case, or ""; with ``refused``, that it is read is bad, too."""
     from doppelgait.core.errors import DoppelgaitError
 
-    reset_peak()
-    before = memory_bytes("VmRSS")
-    fault = ""
+    before, fault = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, ""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -87,41 +100,52 @@ def fault_of(run: Any, folder: Path, *, refused: bool = False) -> str:
     except BaseException as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         fault = f"{type(error).__name__}: {str(error)[:200]} ({Path(place.filename).name}:{place.lineno})"
-    grown = memory_bytes("VmHWM") - before
+    grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    if grown > MEMORY / 10:
+        with suppress(OSError):
+            Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     return fault or (f"{grown / 1e6:.0f} MB of memory" if grown > MEMORY else "")
 
 
-def work(name: str, seed: int, first: int, stop: int, keep: str) -> None:
+def work(name: str, seed: int, first: int, stop: int, keep: str, *, meanwhile: bool) -> None:
     """Run some cases of a target; print one line of JSON for each bad one, and the number that begins."""
     import numpy as np
     from attacks import ATTACKS, READ
     from mutators import damage_folder
-
-    root = Path(tempfile.mkdtemp(prefix="fuzz-"))
     from readers import TARGETS
 
+    root = Path(tempfile.mkdtemp(prefix="fuzz-", dir=FAST if os.access(FAST, os.W_OK) else None))
     try:
         for each in TARGETS if name == "attacks" else [name]:
             run = find_target(each)
             run.seeds(root / each)
-            for folder in sorted((root / each).iterdir())[: 1 if name == "attacks" else None]:
+            seeds = sorted((root / each).iterdir())
+            for folder in seeds[: 1 if name == "attacks" else None]:
                 if fault := fault_of(run.run, folder):  # also: all that is loaded late is loaded now
                     say = {"target": each, "case": -1, "fault": f"seed {folder.name}: {fault}"}
                     print(json.dumps(say), flush=True)
-        hard = memory_bytes("VmSize") + 2 * MEMORY
-        resource.setrlimit(resource.RLIMIT_AS, (hard, resource.getrlimit(resource.RLIMIT_AS)[1]))
+        contents = [
+            {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+            for folder in seeds
+        ]
+        gc.freeze()
+        size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (size + 2 * MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
         folder = root / "case"
         for case in range(first, stop):
+            folder.mkdir()
             if name == "attacks":
-                folder.mkdir()
                 said = list(ATTACKS)[case]
                 run, refused = find_target(ATTACKS[said](folder)).run, said not in READ
                 shutil.rmtree(folder / "seeds", ignore_errors=True)
             else:
                 rng = np.random.default_rng([seed, zlib.crc32(name.encode()), case])
-                seeds = sorted((root / name).iterdir())
-                shutil.copytree(seeds[rng.integers(len(seeds))], folder)
-                said, run, refused = damage_folder(folder, rng), find_target(name).run, False
+                for path, content in contents[rng.integers(len(contents))].items():
+                    (folder / path.parent).mkdir(parents=True, exist_ok=True)
+                    (folder / path).write_bytes(content)
+                run, refused = find_target(name).run, False
+                said = "" if meanwhile else damage_folder(folder, rng)
+                run = partial(run_meanwhile, run, rng) if meanwhile else run
             print(name, case, flush=True)
             if keep:
                 shutil.copytree(folder, Path(keep) / f"{name}-{case}", dirs_exist_ok=True)
@@ -137,30 +161,35 @@ def work(name: str, seed: int, first: int, stop: int, keep: str) -> None:
         shutil.rmtree(root, ignore_errors=True)
 
 
-def fuzz(names: list[str], seed: int, first: int, cases: int, keep: str) -> list[dict[str, Any]]:
-    """Run cases of targets in one process, and in a new one after each case that ended it; return the bad ones."""
+def share_cases(names: list[str], first: int, cases: int) -> list[tuple[str, int, int]]:
+    """First and last number of the cases of each target, by their shares; there are few attacks, which are all run."""
     from attacks import ATTACKS
 
-    stops = {name: min(first + cases, len(ATTACKS)) if name == "attacks" else first + cases for name in names}
-    todo = [(name, first, stop) for name, stop in stops.items()]
+    shares = {name: find_target(name).share for name in names if name != "attacks"}
+    stops = {name: first - (-cases * share // sum(shares.values())) for name, share in shares.items()}
+    return [(name, first, stops.get(name, min(first + cases, len(ATTACKS)))) for name in names]
+
+
+def fuzz(todo: list[tuple[str, int, int]], seed: int, *further: str) -> list[dict[str, Any]]:
+    """Run cases of targets in one process, and in a new one after each case that ended it; return the bad ones."""
+    stops = {name: stop for name, _, stop in todo}
     bad: list[dict[str, Any]] = []
     while todo:
         began = None
-        command = [sys.executable, __file__, "--work", json.dumps(todo), "--seed", str(seed), "--keep", keep]
-        with started(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        command = [sys.executable, __file__, "--work", json.dumps(todo), "--seed", str(seed), *further]
+        with started(command, stdout=subprocess.PIPE, text=True) as process:
             for line in process.stdout:
                 if line.startswith("{"):
                     bad.append(json.loads(line))
                 elif line.strip():
                     began = (line.split()[0], int(line.split()[1]))
-            said = process.stderr.read()
             process.wait(timeout=LIMIT_S)
         if process.returncode == 0:
             break
         code = -process.returncode
         why = f"more than {SECONDS:g} s" if code == signal.SIGPROF else f"ended by signal {code}"
         if code < 0:
-            raise SystemExit(f"the fuzzer itself failed after {began}: {said[-2000:]}")
+            raise SystemExit(f"the fuzzer itself failed after {began}")
         if began is None:
             bad.append({"target": todo[0][0], "case": -1, "fault": f"{why} at its seeds"})
             todo = todo[1:]
@@ -179,25 +208,33 @@ def main() -> int:
     parser.add_argument("--target", default="", help="names of targets with commas; default: all")
     parser.add_argument("--keep", default="", help="folder for the files of bad cases")
     parser.add_argument("--together", action="store_true", help="all targets in one process, for short runs")
+    parser.add_argument("--meanwhile", action="store_true", help="whole files that change while they are read")
     parser.add_argument("--work", default="", help=argparse.SUPPRESS)
     options = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     if options.work:
         for name, first, stop in json.loads(options.work):
-            work(name, options.seed, first, stop, options.keep)
+            work(name, options.seed, first, stop, options.keep, meanwhile=options.meanwhile)
         return 0
-    names = options.target.split(",") if options.target else target_names()
-    share = -(-options.cases // max(len([name for name in names if name != "attacks"]), 1))
-    n_bad, begun = 0, time.time()
-    for group in [names] if options.together else [[name] for name in names]:
-        before = time.time()
-        bad = fuzz(group, options.seed, options.first, share, options.keep)
-        print(f"{', '.join(group)}: {share:,} cases each, {len(bad)} bad, {time.time() - before:.0f} s", flush=True)
-        for one in bad[:40]:
-            print("  " + json.dumps(one), flush=True)
-        n_bad += len(bad)
-    print(f"{share * len(names):,} cases over {len(names)} targets, {n_bad} bad, {time.time() - begun:.0f} s")
-    return int(n_bad > 0)
+    names = options.target.split(",") if options.target else target_names()[options.meanwhile :]  # no attacks
+    todo = share_cases(names, options.first, options.cases)
+    print("| target | cases | bad | processor time, s |\n| --- | ---: | ---: | ---: |", flush=True)
+    rows: list[list[float]] = []
+    for group in [todo] if options.together else [[one] for one in todo]:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        bad = fuzz(group, options.seed, "--keep", options.keep, *["--meanwhile"] * options.meanwhile)
+        for one in bad:
+            print("  " + json.dumps(one), file=sys.stderr, flush=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        rows.append([sum(stop - first for _, first, stop in group), len(bad), sum(after[:2]) - sum(before[:2])])
+        print_row(group[0][0] if len(group) == 1 else "together", rows[-1])
+    totals = [sum(column) for column in zip(*rows, strict=True)]
+    print_row(f"all {len(todo)}, seed {options.seed}", totals)
+    return int(totals[1] > 0)
+
+
+def print_row(name: str, figures: list[float]) -> None:
+    print(f"| {name} | " + " | ".join(f"{figure:,.0f}" for figure in figures) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from datasets import Target
+from readers import Target, main_file
 
 from doppelgait.classify.learned import Constant, Ensemble, Network, join_inputs
 from doppelgait.classify.model_file import load_model, load_shipped_model, save_model
@@ -38,7 +38,7 @@ def model_seeds(folder: Path) -> None:
 
 def run_model(folder: Path) -> None:
     """Load a model and let it decide on a few rows, one of them without any feature."""
-    model = load_model(next(folder.iterdir()))
+    model = load_model(main_file(folder, ""))
     rng = np.random.default_rng(0)
     features: Any = np.vstack(
         [rng.normal(1.0, 1.0, (2, len(model.facts.names))), np.full(len(model.facts.names), np.nan)]
@@ -63,4 +63,4 @@ def run_model(folder: Path) -> None:
     model.describe_outside(values[:1])
 
 
-TARGETS = {"model": Target(model_seeds, run_model)}
+TARGETS = {"model": Target(model_seeds, run_model, 20)}

@@ -257,7 +257,8 @@ def _damage_members(file: Any, rng: Rng) -> None:
 
 MUTATORS: dict[str, Callable[[bytes, Rng], bytes]] = {
     ".h5": damage_hdf5, ".npz": damage_npz, ".json": damage_json, ".sigmf-meta": damage_json,
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".trc", ".bvh", ".amc", ".asf", ".toml", ".cfg"), damage_text),
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".trc", ".bvh", ".amc", ".asf", ".toml", ".cfg", ".sto", ".mot", ".skeleton",
+                     ".mvnx"), damage_text),
 }  # fmt: skip
 
 
@@ -286,12 +287,8 @@ def damage_folder(folder: Path, rng: Rng) -> str:
 
 def damage_mat73(content: bytes, rng: Rng) -> bytes:
     """One change to a MATLAB 7.3 file, whose signature stands behind a block of 512 bytes."""
-    return content[:512] + damage_hdf5(content[512:], rng) if rng.random() < 0.2 else _with_head(content, rng)
-
-
-def _with_head(content: bytes, rng: Rng) -> bytes:
-    changed = damage_hdf5(content, rng)
-    return content[:128] + changed[128:]
+    kept = 512 if rng.random() < 0.2 else 0
+    return content[: kept or 128] + damage_hdf5(content[kept:], rng)[0 if kept else 128 :]
 
 
 def damage_mat5(content: bytes, rng: Rng) -> bytes:

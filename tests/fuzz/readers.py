@@ -2,6 +2,7 @@
 
 import json
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 import acconeer_file
 import motion_files
+import recording_files
 from walking_body import walking_body
 
 
@@ -24,14 +26,17 @@ class Target:
         Writes the files of one seed into each of some new folders below a folder.
     run : callable
         Uses the files of a folder; raises ``AssertionError`` where the result is nonsense.
+    share : int
+        Share of a run's cases, of about 1,000; a case of few takes long.
     """
 
     seeds: Callable[[Path], None]
     run: Callable[[Path], None]
+    share: int = 50
 
 
-def _main(folder: Path, *endings: str) -> Path:
-    return next(path for path in sorted(folder.iterdir()) if path.name.endswith(endings))
+def main_file(folder: Path, *endings: str) -> Path:
+    return next((path for path in sorted(folder.iterdir()) if path.name.endswith(endings)), folder / "moved")
 
 
 NAMES = ("head", "neck", "left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_knee", "right_knee",
@@ -66,7 +71,7 @@ def table_seeds(folder: Path) -> None:
     in_mm = [[row[0], *(f"{1000 * float(value):.2f}" for value in row[1:])] for row in rows]
     other = [["time", *(title.removesuffix("_m").replace("_", " ") + " (mm)" for title in titles[1:])], *in_mm]
     _text(folder / "1" / "a.csv", "\n".join(";".join(cells).replace(".", ",") for cells in other))
-    _text(folder / "2" / "a.txt", "\n".join("\t".join(cells) for cells in [["Frame", *[n for n in NAMES for _ in "xyz"]],
+    _text(folder / "2" / "x.txt", "\n".join("\t".join(cells) for cells in [["Frame", *[n for n in NAMES for _ in "xyz"]],
           ["", *["X", "Y", "Z"] * len(NAMES)], *[[str(t), *row[1:]] for t, row in enumerate(rows)]]))  # fmt: skip
     accad = ["Field", "Time", *(f"{name}:{axis}" for name in NAMES for axis in "XYZ")]
     _text(
@@ -145,46 +150,33 @@ def arrays_seeds(folder: Path) -> None:
     _text(folder / "2" / "a.json", json.dumps(content))
 
 
-def c3d_bytes(position: Any, labels: tuple[str, ...] = NAMES, *, is_float: bool = True) -> bytes:
-    """A C3D file as the format's manual has it, positions (T, P, 3) in mm."""
-    records = b""
-
-    def group(number: int, name: str) -> bytes:
-        text = name.encode()
-        return (
-            bytes([len(text)]) + (-number).to_bytes(1, "little", signed=True) + text + (3).to_bytes(2, "little") + b"\0"
-        )
-
-    def parameter(number: int, name: str, kind: int, shape: tuple[int, ...], raw: bytes) -> bytes:
-        rest = kind.to_bytes(1, "little", signed=True) + bytes([len(shape), *shape]) + raw + b"\0"
-        return bytes([len(name), number]) + name.encode() + (2 + len(rest)).to_bytes(2, "little") + rest
-
-    scale = np.float32(-1.0 if is_float else 0.1)
-    n_frames, n_points, _ = position.shape
-    records += group(1, "POINT")
-    records += parameter(1, "USED", 2, (), n_points.to_bytes(2, "little"))
-    records += parameter(1, "FRAMES", 2, (), n_frames.to_bytes(2, "little"))
-    records += parameter(1, "SCALE", 4, (), scale.tobytes())
-    records += parameter(1, "RATE", 4, (), np.float32(50).tobytes())
-    records += parameter(1, "UNITS", -1, (2, 1), b"mm")
-    width = max(map(len, labels))
-    records += parameter(1, "LABELS", -1, (width, n_points), b"".join(label.encode().ljust(width) for label in labels))
-    n_blocks = -(-(4 + len(records)) // 512)
-    section = (bytes([1, 0x50, n_blocks, 84]) + records).ljust(512 * n_blocks, b"\0")
-    header = bytearray(512)
-    header[0:2] = bytes([2, 0x50])
-    for at, value in ((2, n_points), (6, 1), (8, n_frames), (16, 2 + n_blocks)):
-        header[at : at + 2] = value.to_bytes(2, "little")
-    header[12:16], header[20:24] = scale.tobytes(), np.float32(50).tobytes()
-    words = np.zeros((n_frames, n_points, 4), "<f4" if is_float else "<i2")
-    words[..., :3] = position if is_float else np.round(position / 0.1 / 10)
-    return bytes(header) + section + words.tobytes().ljust(512, b"\0")
-
-
 def c3d_seeds(folder: Path) -> None:
-    for n, is_float in enumerate((True, False)):
+    import c3d
+
+    frames = np.zeros((FRAMES, len(NAMES), 5))
+    frames[..., :3] = 1000 * body()
+    for n, scale in enumerate((-1.0, 0.1)):  # floating-point numbers, integers
+        writer = c3d.Writer(point_rate=50.0, point_scale=scale)
+        writer.add_frames([(frame, np.zeros((0, 0))) for frame in frames])
+        writer.set_point_labels(NAMES)
         (folder / str(n)).mkdir(parents=True)
-        (folder / str(n) / "a.c3d").write_bytes(c3d_bytes(1000 * body(), is_float=is_float))
+        with (folder / str(n) / "a.c3d").open("wb") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # no analog data
+            writer.write(file)
+
+
+VENDORS = motion_files.TEXTS | motion_files.JOINTS
+
+
+def vendor_seeds(folder: Path) -> None:
+    """Exports of the programs that record motions; the names of the files are those of ``VENDORS``."""
+    for name, (suffix, write, _) in VENDORS.items():
+        _text(folder / name / f"{name}.{suffix}", write(motion_files.BODY_M))
+    (folder / "gltf").mkdir()
+    motion_files.glb(folder / "gltf" / "a.glb")
+    (folder / "movement").mkdir()
+    axes = ("time", "space", "keypoints", "individuals")
+    motion_files.write_movement(folder / "movement" / "a.h5", axes=axes, fps=50.0)
 
 
 LARGEST_M = 1e4
@@ -194,12 +186,14 @@ LARGEST_M = 1e4
 def run_motion(folder: Path) -> None:
     from doppelgait.motion.readers import read
 
-    path = _main(folder, ".csv", ".tsv", ".trc", ".bvh", ".amc", ".npz", "a.json", ".c3d", ".txt")
-    options: dict[str, Any] = {}
-    if path.suffix == ".txt" and b"\tX\t" in path.read_bytes()[:2000]:
+    path = next((path for path in sorted(folder.iterdir()) if path.name not in ("07.asf", "skeleton.json")), folder)
+    options: dict[str, Any] = VENDORS[path.stem][2] if path.stem in VENDORS else {}
+    if path.name == "x.txt":
         options = {"rate_hz": 50.0, "units": "m"}
-    elif path.suffix == ".tsv":
+    elif path.name == "a.tsv":
         options = {"units": "m"}
+    elif path.name == "a.h5":
+        options = {"units": "m", "subject": "Eva"}
     motion = read(path, clean=False, **options)
     check_motion(motion)
     cleaned = read(path, **options)
@@ -320,28 +314,12 @@ def sigmf_seeds(folder: Path) -> None:
 
 
 def xethru_seeds(folder: Path) -> None:
-    from datetime import UTC, datetime
-
     from doppelgait.radar.xethru import write_xethru
     from xethru_files import add_user_headers, make_mixed_records
 
     folder.mkdir(exist_ok=True)
-    made = write_xethru(
-        folder / "0", make_mixed_records(), start_time=datetime(2026, 11, 21, tzinfo=UTC), session_id="S"
-    )
+    made = write_xethru(folder / "0", make_mixed_records(), **recording_files.XETHRU)
     add_user_headers(made, b"HI")
-
-
-def cw_text_seeds(folder: Path) -> None:
-    rng = np.random.default_rng(0)
-    for part in ("RE", "IM"):
-        _text(folder / "0" / f"a_{part}.txt", "\n".join(map(str, rng.integers(1800, 2300, 256))) + "\n")
-
-
-def glasgow_seeds(folder: Path) -> None:
-    rng = np.random.default_rng(0)
-    samples = "\n".join(f"{a}+{b}i" for a, b in rng.integers(1900, 2200, (48, 2)))
-    _text(folder / "0" / "a.dat", f"5800000000\n1\n8\n400000000\n{samples}\n")
 
 
 DCA1000 = {
@@ -368,17 +346,28 @@ def dca1000_seeds(folder: Path) -> None:
         (folder / str(n) / "a.bin").write_bytes(samples)
 
 
-def frames_seeds(folder: Path) -> None:
-    from doppelgait.radar.frames import write_frames
+FURTHER = {".h5": "acconeer-a111", ".npy": "infineon", ".wav": "wav", ".cfile": "raw", ".csv": "csv", ".txt": "cw-text",
+           ".dat": "glasgow", ".dgf": "frames"}  # fmt: skip
+"""Readers of formats that are sampled here and nowhere else, by the ending of their files."""
 
-    (folder / "0").mkdir(parents=True)
-    write_frames(small_recording(), folder / "0" / "a.dgf")
+
+def further_seeds(folder: Path) -> None:
+    for name in FURTHER.values():
+        recording_files.write_sample(name, folder / name)
+
+
+def run_further(folder: Path) -> None:
+    from doppelgait.radar import read_recording
+
+    path = main_file(folder, *FURTHER)
+    name = FURTHER[path.suffix]
+    check_recording(read_recording(path, format=name, **recording_files.sample_options(name)))
 
 
 def run_recording(folder: Path) -> None:
     from doppelgait.radar import read_recording
 
-    endings = (".h5", ".npz", ".npy", ".mat", ".sigmf-meta", "_RE.txt", ".bin", ".dgf", "a.dat")
+    endings = (".h5", ".npz", ".npy", ".mat", ".sigmf-meta", ".bin")
     path = next((path for path in sorted(folder.iterdir()) if path.name.endswith(endings)), folder)
     check_recording(read_recording(path))
 
@@ -406,7 +395,7 @@ def check_recording(recording: Any) -> None:
 def run_result(folder: Path) -> None:
     from doppelgait.pipeline import read_results
 
-    for result in read_results(_main(folder, ".h5")).targets:
+    for result in read_results(main_file(folder, ".h5")).targets:
         for array in result.arrays.values():
             assert np.asarray(array).dtype.kind in "fciubUSO"
 
@@ -426,19 +415,28 @@ def points_seeds(folder: Path) -> None:
 def run_points(folder: Path) -> None:
     from doppelgait.radar.point_clouds import collect_tracks, read_points, tabulate_tracks
 
-    points = read_points(_main(folder, ".csv", ".json"))
+    points = read_points(main_file(folder, ".csv", ".json"))
     assert np.isfinite(points[["time_s", "x_m", "y_m", "velocity_mps"]].to_numpy()).all(), "points that are not finite"
     tabulate_tracks(collect_tracks(points))
 
 
 TARGETS = {
-    **{f"motion-{seeds.__name__.removesuffix('_seeds')}": Target(seeds, run_motion)
-       for seeds in (table_seeds, trc_seeds, bvh_seeds, amc_seeds, expmap_seeds, arrays_seeds, c3d_seeds)},
-    "radar-own": Target(own_seeds, run_recording),
-    "radar-arrays": Target(radar_arrays_seeds, run_recording),
-    **{f"radar-{seeds.__name__.removesuffix('_seeds')}": Target(seeds, run_recording)
-       for seeds in (matlab_seeds, acconeer_seeds, sigmf_seeds, xethru_seeds, cw_text_seeds, glasgow_seeds, dca1000_seeds,
-                     frames_seeds)},
-    "radar-points": Target(points_seeds, run_points),
-    "result": Target(result_seeds, run_result),
-}  # fmt: skip
+    "motion-table": Target(table_seeds, run_motion, 40),
+    "motion-trc": Target(trc_seeds, run_motion, 40),
+    "motion-bvh": Target(bvh_seeds, run_motion, 60),
+    "motion-amc": Target(amc_seeds, run_motion, 45),
+    "motion-expmap": Target(expmap_seeds, run_motion, 40),
+    "motion-arrays": Target(arrays_seeds, run_motion, 45),
+    "motion-c3d": Target(c3d_seeds, run_motion, 25),
+    "motion-vendor": Target(vendor_seeds, run_motion, 60),
+    "radar-own": Target(own_seeds, run_recording, 30),
+    "radar-arrays": Target(radar_arrays_seeds, run_recording, 60),
+    "radar-matlab": Target(matlab_seeds, run_recording, 50),
+    "radar-acconeer": Target(acconeer_seeds, run_recording, 30),
+    "radar-sigmf": Target(sigmf_seeds, run_recording, 60),
+    "radar-xethru": Target(xethru_seeds, run_recording, 50),
+    "radar-dca1000": Target(dca1000_seeds, run_recording, 60),
+    "radar-further": Target(further_seeds, run_further, 180),
+    "radar-points": Target(points_seeds, run_points, 50),
+    "result": Target(result_seeds, run_result, 12),
+}

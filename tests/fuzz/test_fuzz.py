@@ -13,11 +13,6 @@ FUZZ = Path(__file__).with_name("fuzz.py")
 pytestmark = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="the limits of a process are those of Linux"
 )
-READERS = (
-    "motion-table", "motion-trc", "motion-bvh", "motion-amc", "motion-expmap", "motion-arrays", "motion-c3d", "radar-own",
-    "radar-arrays", "radar-matlab", "radar-acconeer", "radar-sigmf", "radar-xethru", "radar-cw_text", "radar-glasgow",
-    "radar-dca1000", "radar-frames", "radar-points",
-)  # fmt: skip
 DOUBLES = """
 import os
 from readers import Target
@@ -54,14 +49,18 @@ TARGETS = {
 def found_by(*options: str, fuzz: Path = FUZZ) -> list[dict[str, str]]:
     """Bad cases of a run."""
     done = processes.run([sys.executable, str(fuzz), "--together", *options], capture_output=True, text=True)
-    assert "cases over" in done.stdout, done.stderr[-2000:]
-    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("  {")]
+    assert "| all" in done.stdout, done.stderr[-2000:]
+    return [json.loads(line) for line in done.stderr.splitlines() if line.startswith("  {")]
 
 
-@pytest.mark.parametrize("targets", [("attacks",), pytest.param(READERS, marks=pytest.mark.release)], ids=len)
-def test_findings_of_earlier_rounds_and_damage_end_in_sense_or_one_of_our_errors(targets: tuple[str, ...]) -> None:
-    """``attacks`` stands for all findings, of which there are fewer than the cases of each."""
-    assert found_by("--target", ",".join(targets), "--cases", str(100 * len(targets))) == []
+MEANWHILE = "--meanwhile --cases 600 --target radar-own,radar-dca1000"
+MORE = [pytest.param(options, marks=pytest.mark.release) for options in ("", "--meanwhile --cases 1500")]
+
+
+@pytest.mark.parametrize("options", ["--target attacks", MEANWHILE, *MORE])
+def test_findings_of_earlier_rounds_and_damage_end_in_sense_or_one_of_our_errors(options: str) -> None:
+    """``attacks`` stands for all findings, of which there are fewer than cases."""
+    assert found_by("--cases", "3000", *options.split()) == []
 
 
 @pytest.mark.release

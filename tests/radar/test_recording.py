@@ -85,6 +85,17 @@ def put(key, place, value):
     return change
 
 
+NUMBERS = [
+    "slow_time_s",
+    "range_m",
+    *(f"truth/0/{n}" for n in ("range_m", "centre_range_m", "body_time_s", "body_position_m")),
+]
+
+
+def retyped(key, code):
+    return lambda file: (file.move(key, "old"), file.__setitem__(key, file["old"][()].astype(code)))
+
+
 def attribute(key, value):
     return lambda file: file.attrs.__setitem__(key, value)
 
@@ -122,6 +133,11 @@ def times_by(factor):
         (lambda file: (file.__delitem__("range_m"), file.__setitem__("range_m", np.arange(3.0))), ""),
         (lambda file: (file.__delitem__("baseband"), file.create_group("baseband")), ""),
         (lambda file: (file.__delitem__("baseband"), file.__setitem__("baseband", np.zeros(5, np.complex64))), ""),
+        *(
+            (retyped(key, code), f".* {key.rpartition('/')[2]} holds .*must be real")
+            for key in NUMBERS
+            for code in ("f2", "c8", "S")
+        ),
         (lambda file: (file.__delitem__("slow_time_s"), file.__setitem__("slow_time_s", "text")), ""),
         (lambda file: (file.__delitem__("truth"), file.__setitem__("truth", 3)), ""),
         (lambda file: file["truth"].create_group("first"), ""),

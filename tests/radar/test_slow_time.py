@@ -185,6 +185,7 @@ READ_OUT_S = EVEN_S[np.arange(N) // 64 * 64] + np.arange(N) % 64 * 1e-4
         (739_000 + EVEN_S / 86_400, RATE_HZ, "they are in days; give s", None, 0),
         (1e3 * EVEN_S, None, r"must be in s \(not in ms, us or days\)", None, 0),
         (np.diff(EVEN_S, prepend=0.0), None, "too fast to show motion", None, 0),
+        (1e-318 * EVEN_S, None, "too fast to show motion", None, 0),
         (np.where((EVEN_S > 1) & (EVEN_S < 2), 1.0, EVEN_S), None, "from even ones, which are taken: 400", RATE_HZ, N),
     ],
 )

@@ -98,6 +98,17 @@ def test_a_counter_that_does_not_go_on_is_said_and_time_goes_on(tmp_path, counte
     np.testing.assert_allclose(back.slow_time_s, np.arange(len(kept)) / PRF_HZ, atol=1e-12)
 
 
+@pytest.mark.parametrize("base", [2**53, 2**63 - 2, 2**64 - 40])
+def test_large_counters_are_exact(tmp_path, base):
+    sent = [*range(8), *range(9, 40)]
+    _, times_s, rows, _ = play(tmp_path, *(dgf.encode_frame(base + n, n / PRF_HZ, ROWS[n]) for n in sent))
+    np.testing.assert_allclose(times_s, np.array(sent) / PRF_HZ, atol=1e-12)
+    np.testing.assert_array_equal(rows, ROWS[sent])
+    with pytest.warns(DoppelgaitWarning, match="1 of 40 pulses are missing"):
+        back = read_recording(tmp_path / "walk.dgf")
+    np.testing.assert_allclose(back.slow_time_s, np.arange(40) / PRF_HZ, atol=1e-12)
+
+
 def test_a_clock_that_is_set_does_not_overrule_the_header(tmp_path):
     clock_s = np.arange(3000) / PRF_HZ + np.where(np.arange(3000) > 500, 0.5, 0.0)
     _, times_s, _, texts = play(tmp_path, *(dgf.encode_frame(n, time_s, ROWS[0]) for n, time_s in enumerate(clock_s)))
@@ -370,12 +381,13 @@ def head(kind: int, length: int) -> bytes:
     return b"DGfr" + struct.pack("<BBHI", 1, kind, 0, length)
 
 
-WIDE = dgf.encode_header(dgf.Header(RECORDING.radar, np.arange(100_000) * 0.05))
+LONG = Radar.preset("x4-long", range_stop_m=5139.0)  # 99,972 bins
+WIDE = dgf.encode_header(dgf.Header(LONG, LONG.range_axis_m()))
 DAMAGE = {  # what the stream begins with, and what is repeated
     "heads of headers": (b"", head(1, 65_000)),
     "heads of short headers": (OPENING, head(1, 12) + b"{"),
     "heads of frames": (OPENING, head(2, 16 + 8 * ROWS.shape[1])),
-    "heads of long frames": (WIDE, head(2, 800_016)),
+    "heads of long frames": (WIDE, head(2, 16 + 8 * LONG.n_range_bins)),
     "heads of ends": (OPENING, head(3, 0)),
     "heads of nothing": (OPENING, head(7, 0)),
     "starts of heads": (OPENING, b"DGfr"),
@@ -459,7 +471,8 @@ def test_strangers_end_nothing_and_the_sensor_comes_back(transport, sent, ends):
             _, rows, texts = take(stream, closes=False)
             np.testing.assert_array_equal(rows, ROWS[first : first + 90])
             assert stream.complete
-            assert sum("are refused: " in text for text in texts) == 1
+            said = [text.partition(" are refused: ")[2] for text in texts if " are refused: " in text]
+            assert 0 < len(said) == len(set(said)) <= 3  # each once
             assert stream.counts.refused >= (1 if transport == "tcp" else 3)
             stream = stream.next_run()
         stream.close()
@@ -485,6 +498,42 @@ def test_a_sensor_that_is_silent_gives_its_place_to_one_that_sends(transport):
         following.next_run().close()
 
 
+REFUSALS = {
+    b"": "closed before its first frame",
+    b"DGfr\x07" + OPENING[5:]: "has version 7 of the format; only 1 is read",
+    dgf.encode_record(1, b"{}"): "the header must have the keys carrier_hz",
+    dgf.encode_header(
+        dgf.Header(LONG, LONG.range_axis_m())
+    ): "a second or a burst (range_bins x prf_hz x 8 bytes) has more than 33,554,432 bytes",
+}
+
+
+@pytest.mark.parametrize("again_s", [60.0, 0.0])
+def test_every_different_refusal_is_said_once_and_later_with_its_number(monkeypatch, again_s):
+    monkeypatch.setattr("doppelgait.radar.sources.AGAIN_S", again_s)
+    stream = open_stream("tcp://:0", timeout_s=5.0, once=False)
+    for number, sent in enumerate([*REFUSALS, *REFUSALS]):
+        send_all(stream, sent)
+        wait_until(lambda number=number: stream.counts.refused > number)
+    send_all(stream, OPENING + frames(0, 2) + dgf.END_RECORD)
+    said = [text for text in take(stream)[2] if "connections of 127.0.0.1:" in text]
+    assert len(said) == (4 if again_s else 8)
+    for text, reason in zip(said, [*REFUSALS.values(), *REFUSALS.values()], strict=False):
+        assert f" are refused: {reason}" in text
+    assert all("(2 times by now)" in text for text in said[4:])
+
+
+def test_the_17th_client_takes_the_place_of_the_oldest_without_a_header():
+    stream = open_stream("tcp://:0", timeout_s=100.0, once=False)
+    with ExitStack() as clients:
+        clients.enter_context(connect(stream)).send(OPENING)
+        oldest, *_ = [clients.enter_context(connect(stream)) for _ in range(16)]
+        assert oldest.recv(1) == b""
+        assert stream.counts.refused == 1
+        stream.close()
+        assert [text for text in take(stream)[2] if text.endswith("are refused: there are 16 others")]
+
+
 def test_clients_that_send_nothing_are_dropped_and_counted():
     stream = open_stream("tcp://:0", timeout_s=1.0, once=False)
     with ExitStack() as clients:
@@ -504,6 +553,7 @@ def test_clients_that_send_nothing_are_dropped_and_counted():
         ({"radar": {"path": 1}}, "radar"),
         ({"prf_hz": 400.0}, "states prf_hz = 400, its radar 500"),
         ({"extra": 1}, "must have the keys"),
+        ({"range_bins": 21}, "the header states 21 range bins, its radar 20"),
     ],
 )
 def test_a_header_that_is_not_allowed_is_refused(tmp_path, change, message):
@@ -532,7 +582,7 @@ def test_whole_frames_behind_one_that_was_cut_off_are_kept(tmp_path, length):
     np.testing.assert_array_equal(rows, ROWS[:5])
     assert stream.counts.malformed == 1
     assert not any("end record" in text for text in texts)
-    wide = dgf.encode_header(dgf.Header(RECORDING.radar, np.arange(200) * 0.05))  # a frame as long as what follows it
+    wide = dgf.encode_header(dgf.Header(LONG, np.arange(200) * 0.05))  # a frame as long as what follows it
     long = [dgf.encode_frame(i, i / PRF_HZ, np.full(200, i)) for i in range(8)]
     path = tmp_path / "walk.dgf"
     path.write_bytes(wide + b"".join(long[:5]) + long[5][:length] + long[6] + long[7])

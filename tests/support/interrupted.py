@@ -36,7 +36,6 @@ class Interrupted:
 
     statuses: Counter[int] = field(default_factory=Counter)
     tracebacks: list[str] = field(default_factory=list)
-    longest_s: float = 0.0
     resumed: bool = True
 
 
@@ -92,7 +91,6 @@ def interrupt_often(kind: str, folder: Path, count: int, *, seed: int) -> Interr
                 continue
             except subprocess.TimeoutExpired:
                 pass
-            began = time.monotonic()
             try:
                 if number % 2:
                     process.terminate()
@@ -102,7 +100,6 @@ def interrupt_often(kind: str, folder: Path, count: int, *, seed: int) -> Interr
             except subprocess.TimeoutExpired:
                 os.killpg(process.pid, signal.SIGKILL)
                 complaints = "hung"
-            found.longest_s = max(found.longest_s, time.monotonic() - began)
             found.statuses[process.returncode] += 1
             if "Traceback" in complaints and kind != "dask":  # Dask's own processes say what they please
                 found.tracebacks.append(complaints)

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import processes
-from doppelgait.viewer.app import make_app
-from doppelgait.viewer.limits import make_server
+from doppelgait.viewer.app import make_app, make_server
 from doppelgait.viewer.server import open_socket
 
 TOKEN = "token-of-this-test"

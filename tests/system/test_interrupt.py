@@ -16,6 +16,7 @@ from checkout import SUPPORT
 from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
 from doppelgait.dataset.executors import run_shards
 from executor_work import quick_then_slow, shards
+from interrupted import KINDS, interrupt_often
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
 
@@ -144,12 +145,10 @@ def test_a_script_that_builds_when_it_is_imported_is_told_so(tmp_path):
 
 
 @pytest.mark.release
-@pytest.mark.parametrize(("kind", "count"), [("processes", 3), ("import", 2), ("live", 2)])
-def test_commands_end_at_any_moment_with_130(tmp_path, kind, count):
-    """Some of what ``tests/fuzz/interrupts.py`` does by the hundred."""
-    from interrupted import interrupt_often
-
-    found = interrupt_often(kind, tmp_path, count, seed=24)
+@pytest.mark.parametrize("kind", KINDS)
+def test_commands_end_at_any_moment_with_130(tmp_path, kind):
+    """``INTERRUPTS=100 pytest`` has as many of each kind."""
+    found = interrupt_often(kind, tmp_path, int(os.environ.get("INTERRUPTS", "2")), seed=24)
     assert set(found.statuses) <= {130, 0}
     assert found.tracebacks == []
     assert found.resumed

@@ -40,7 +40,7 @@ def followed(walk):
     page, decisions = Rolling("walk", "X4", MODEL), []
     running = live(frames_of(walk), walk.radar, MODEL)
     for window, found, results in running.windows():
-        page.add(window, found, results, running.counts.as_dict(), 0.1)
+        page.add(window, found, results, vars(running.counts), 0.1)
         decisions += found
     return page, decisions
 

@@ -159,13 +159,6 @@ def test_automatic_limits_hold_the_line_and_zero_and_leave_out_the_noise() -> No
     assert doppler_limits_hz(only_noise) == (DOPPLER_HZ[0], DOPPLER_HZ[-1])
 
 
-def test_receding_target_moves_the_limits_below_zero() -> None:
-    mu = make_signature()
-    axes = viz.signature(mu.copy(data=mu.values[:, ::-1])).axes[0]
-    assert axes.get_ylim()[0] < -100.0
-    assert axes.get_ylim()[1] < 60.0
-
-
 def test_one_loud_row_is_no_line() -> None:
     power = np.ones((10, 20))
     power[:, 4] = 50.0
@@ -203,13 +196,6 @@ def test_signature_without_any_power_can_be_drawn(tmp_path: Path) -> None:
     figure = viz.signature(mu)
     viz.save_figure(figure, tmp_path / "empty.png")
     assert np.isfinite(figure.axes[0].images[0].get_clim()).all()
-
-
-def test_negative_excess_is_no_warning(recwarn: pytest.WarningsRecorder) -> None:
-    mu = make_signature(normalised=True)
-    mu.values[0, :5] = -1.0
-    viz.signature(mu)
-    assert not [w for w in recwarn if issubclass(w.category, RuntimeWarning)]
 
 
 def test_uneven_time_axis_is_drawn_where_it_is() -> None:
@@ -342,13 +328,6 @@ def test_mean_of_the_torso_skips_unknown_points() -> None:
     plotted = np.asarray(torso.get_ydata())
     assert np.isnan(plotted[:5]).all()
     np.testing.assert_allclose(plotted[5:10], 5.1 - 0.01 * np.arange(5, 10))
-
-
-def test_second_target_is_dashed() -> None:
-    both = xr.concat([make_scatterers(), make_scatterers().assign_coords(target=("scatterer", [9] * 7))], "scatterer")
-    axes = viz.range_lines(both).axes[0]
-    assert sum(line.get_linestyle() == "--" for line in axes.lines) == len(PARTS) + 3
-    assert len(labels_of(axes)) == len(set(labels_of(axes)))
 
 
 def test_doppler_lines_are_two_v_over_lambda() -> None:
@@ -512,12 +491,6 @@ def test_matrix_shows_shares_of_each_class() -> None:
     assert labels_of(second) == ["dog", "human"]
     assert second.get_title(loc="left") == "dog (n = 3, 1 left out), human (n = 4, 1 left out)"
     assert second.get_xlabel() == "step length, radial (m)"
-
-
-def test_matrix_of_a_feature_that_nobody_has() -> None:
-    table = make_table().assign(limb_torso_ratio=np.nan)
-    axes = viz.feature_matrix(table, features=("limb_torso_ratio",)).axes[0]
-    assert axes.get_title(loc="left") == "dog (n = 0, 4 left out), human (n = 0, 5 left out)"
 
 
 @pytest.mark.parametrize(

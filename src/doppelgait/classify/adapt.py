@@ -111,8 +111,7 @@ def score_adaptation(
         sure, hits, weights = (np.concatenate(part) for part in zip(*answers, strict=True))
         bins = scores.bin_reliability(sure, hits, weights, 1.0 / count)
         names = ("balanced_accuracy", "low", "high", "before", "movers")
-        numbers = dict(zip(names, [means[0], *spread, *means[1:]], strict=True))
-        point = {"n": n, **numbers, "reliability": bins}
+        point = {"n": n, **dict(zip(names, [means[0], *spread, *means[1:]], strict=True)), "reliability": bins}
         curve.append(point | {"expected_calibration_error": scores.expected_calibration_error(bins)})
     return curve
 

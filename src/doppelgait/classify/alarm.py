@@ -1,8 +1,7 @@
-"""Metrics of an alarm over a day.
+"""Metrics of an alarm over a day: false triggers, time to detect and missed entries.
 
-These are false triggers, time to detect and missed entries. A day is a plan of episodes, each with
-its hours a day. It is built as a dataset of windows, whose tracks are classified as those of a
-stream are (:mod:`doppelgait.classify.timeline`). The alarm of a track is raised by two windows in
+A day is a plan of episodes, each with its hours a day. It is built as a dataset of windows, whose
+tracks are classified as those of a stream are. The alarm of a track is raised by two windows in
 succession that reach the threshold, and stays.
 """
 
@@ -10,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -22,6 +20,7 @@ import pandas as pd
 from doppelgait.classify.data import all_rows, list_windows
 from doppelgait.classify.learned import Seen, find_windows_before
 from doppelgait.classify.model import Model
+from doppelgait.classify.options import AlarmOptions, takes_options
 from doppelgait.classify.scores import clopper_pearson_interval
 from doppelgait.classify.timeline import check_window, follow_rows
 from doppelgait.core.config import validate
@@ -36,22 +35,9 @@ THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99, 0.999, 0.9999)
 """Alarm thresholds that are scored in addition to that of the model."""
 
 
-@dataclass(frozen=True)
-class Episode:
-    """Confirmed scores of the alarm in one recording, by track: times and scores."""
-
-    label: str
-    tracks: Mapping[int, tuple[FloatArray, FloatArray]]
-
-    def find_triggers(self, threshold: float) -> FloatArray:
-        """Return the times at which the alarm of each track is raised: once, as it stays."""
-        over = [times_s[scores >= threshold] for times_s, scores in self.tracks.values()]
-        return np.array(sorted(times_s[0] for times_s in over if times_s.size), dtype=np.float64)
-
-
-def load_day(plan: str | Path | None = None, repeats: int | None = None) -> tuple[PlanConfig, Path]:
+def load_day(plan: Any = None, repeats: int | None = None) -> tuple[PlanConfig, Path | None]:
     """Load the plan of a day, and the folder of its motion files."""
-    day, folder = load_plan(plan or "home-alarm-day")
+    day, folder = (plan, None) if isinstance(plan, PlanConfig) else load_plan(plan or "home-alarm-day")
     if repeats is not None:
         section = day.dataset.model_copy(update={"examples_per_class": repeats})
         episodes = tuple(episode.model_copy(update={"examples": None}) for episode in day.episodes)
@@ -61,14 +47,16 @@ def load_day(plan: str | Path | None = None, repeats: int | None = None) -> tupl
     return day, folder
 
 
-def run_day(
-    day: PlanConfig, model: Model, *, folder: Path | None = None, directory: Path | None = None, on_progress: Any = None
-) -> list[Episode]:
-    """Simulate a day as a dataset of windows, and classify it."""
+@takes_options(AlarmOptions)
+def score_alarm(model: Model, *, on_progress: Any = None, **options: Any) -> dict[str, Any]:
+    """Simulate days as a dataset of windows, classify it and score the alarm."""
+    chosen, facts = AlarmOptions(**options), model.of_tracks.facts
+    day, folder = load_day(chosen.day, chosen.repeats)
     with TemporaryDirectory() as scratch:
-        dataset = build_day(day, model, directory or Path(scratch), folder=folder, on_progress=on_progress)
-        facts = model.of_tracks.facts
-        return answer_day(dataset, follow_rows(dataset, model)[:, facts.classes.index(str(facts.alarm))])
+        directory = chosen.directory or Path(scratch)
+        dataset = build_day(day, model, directory, folder=folder, on_progress=on_progress)
+        probability = follow_rows(dataset, model)[:, facts.classes.index(str(facts.alarm))]
+        return score_day(day, answer_day(dataset, probability), model)
 
 
 def build_day(
@@ -90,21 +78,20 @@ def build_day(
     return open_dataset(directory)
 
 
-def answer_day(dataset: Dataset, probability: FloatArray) -> list[Episode]:
-    """Collect a classifier's answers (n,) to a dataset of episodes."""
+def answer_day(dataset: Dataset, probability: FloatArray) -> pd.DataFrame:
+    """Tabulate a classifier's answers (n,) to a dataset of episodes, confirmed after every window."""
     sections = dataset.plan_config.episodes
     labels = {make_example_id(one.label, 0).rpartition("-")[0]: one.label for one in sections}
-    seen = list_windows(all_rows(dataset, ()))
-    table = pd.DataFrame({"scene": dataset.index["scene_id"], "track": [one.track for one in seen]})
-    table = table.assign(stop_s=[one.stop_s for one in seen], score=confirm(probability, seen))
-    episodes = []
-    for scene, own in table.groupby("scene", sort=False):
-        kept = own[np.isfinite(probability[own.index])].sort_values("stop_s", kind="stable")
-        tracks: Any = {
-            track: (one["stop_s"].to_numpy(), one["score"].to_numpy()) for track, one in kept.groupby("track")
-        }
-        episodes.append(Episode(labels[str(scene).rpartition("-")[0]], tracks))
-    return episodes
+    seen, scenes = list_windows(all_rows(dataset, ())), dataset.index["scene_id"].astype(str)
+    table = pd.DataFrame({"scene": scenes, "label": scenes.str.rpartition("-")[0].map(labels)})
+    table = table.assign(track=[one.track for one in seen], stop_s=[one.stop_s for one in seen])
+    return table.assign(score=np.where(np.isfinite(probability), confirm(probability, seen), -np.inf))
+
+
+def find_triggers(answers: pd.DataFrame, threshold: float) -> pd.DataFrame:
+    """Return the time at which the alarm of each track is raised: once, as it stays."""
+    raised = answers[answers["score"] >= threshold].groupby(["scene", "track"], as_index=False)
+    return raised[["stop_s"]].min()
 
 
 def confirm(probability: FloatArray, seen: Sequence[Seen]) -> FloatArray:
@@ -116,36 +103,39 @@ def confirm(probability: FloatArray, seen: Sequence[Seen]) -> FloatArray:
     return found
 
 
-def score_day(day: PlanConfig, episodes: Sequence[Episode], model: Model) -> dict[str, Any]:
+def score_day(day: PlanConfig, answers: pd.DataFrame, model: Model) -> dict[str, Any]:
     """Score the alarm over a day, by threshold."""
     facts = model.of_tracks.facts
     own = facts.alarm_threshold
-    chosen = sorted({*THRESHOLDS, *(() if own is None else (own,))})
-    scores = [score_at_threshold(day, episodes, each) | {"model": each == own} for each in chosen]
+    chosen = sorted({*THRESHOLDS, *([] if own is None else [own])})
+    scores = [score_at_threshold(day, answers, each) | {"model": each == own} for each in chosen]
     repeats = day.dataset.examples_per_class
     return {"day": day.dataset.name, "alarm": facts.alarm, "repeats": repeats, "thresholds": scores}
 
 
-def score_at_threshold(day: PlanConfig, episodes: Sequence[Episode], threshold: float) -> dict[str, Any]:
+def score_at_threshold(day: PlanConfig, answers: pd.DataFrame, threshold: float) -> dict[str, Any]:
     """Score the alarm over a day at a threshold of its probability."""
     kinds, first_s = [], list[float]()
     false, animal = list[tuple[int, float]](), list[tuple[int, float]]()  # counts and their weights
     animal_hours = sum(s.animals * s.hours_per_day for s in day.episodes if not s.should_trigger)
+    raised = find_triggers(answers, threshold).groupby("scene")["stop_s"].agg(["size", "min"])
+    recordings = answers.groupby("scene", sort=False)["label"].first().to_frame().join(raised)
+    recordings = recordings.fillna({"size": 0, "min": math.inf}).astype({"size": int})
     for section in day.episodes:
-        times = [one.find_triggers(threshold) for one in episodes if one.label == section.label]
-        hours, sizes = len(times) * section.duration_s / 3600.0, [each.size for each in times]
+        own = recordings[recordings["label"] == section.label]
+        hours, sizes = len(own) * section.duration_s / 3600.0, own["size"].tolist()
         kinds.append(
             {
                 "label": section.label,
                 "hours": hours,
-                "recordings": len(times),
+                "recordings": len(own),
                 "triggered": int(np.count_nonzero(sizes)),
                 "per_hour": sum(sizes) / hours,
                 "should_trigger": section.should_trigger,
             }
         )
         if section.should_trigger:
-            first_s += [float(each[0]) if each.size else math.inf for each in times]
+            first_s += own["min"].tolist()
             continue
         false += [(size, section.hours_per_day / hours) for size in sizes]
         if section.animals:
@@ -169,10 +159,7 @@ def score_at_threshold(day: PlanConfig, episodes: Sequence[Episode], threshold: 
 
 
 def estimate_weighted_count(counts: npt.ArrayLike, weights: npt.ArrayLike) -> dict[str, float]:
-    """Return a weighted sum of counts with its interval of 95 %.
-    The interval is the gamma approximation of Fay and Feuer (Statistics in Medicine 16, 1997),
-    exact for counts of 0 and 1 and equal weights.
-    """
+    """Return a weighted sum of counts, with 95 % by the gamma approximation (Fay and Feuer 1997)."""
     from scipy.stats import gamma
 
     n, w = np.asarray(counts, dtype=np.float64), np.asarray(weights, dtype=np.float64)

@@ -34,6 +34,7 @@ from doppelgait.classify.learned import FloatArray, Inputs, LabelledRows, Learne
 from doppelgait.classify.model import ECHOES, Calibration, calibrate, mark_flagged, row_weights
 from doppelgait.classify.model_file import open_model
 from doppelgait.classify.network import NO_TORCH, is_torch_installed
+from doppelgait.classify.options import BenchmarkOptions, takes_options
 from doppelgait.classify.report import format_interval, format_number
 from doppelgait.classify.scores import auc, auc_interval, bin_reliability, expected_calibration_error
 from doppelgait.classify.timeline import follow_rows, fuse_rows
@@ -132,19 +133,14 @@ def score_part(dataset: Dataset, probability: FloatArray) -> dict[str, Any]:
     scenes, right = ends["scene_id"].to_numpy(dtype=str), (values >= 0.5) == human
     bins = bin_reliability(np.maximum(values, 1.0 - values), right, row_weights(human.astype(np.int64), 2), 0.5)
     low, high = auc_interval(values, human, scenes, seed=0) or (None, None)
-    day, episodes = dataset.plan_config, answer_day(dataset, probability)
-    wanted = {one.label for one in day.episodes if one.should_trigger}
-    best = [
-        max((float(scores.max()) for _, scores in one.tracks.values()), default=0.0)
-        for one in episodes
-        if one.label in wanted
-    ]
-    threshold = float(np.sort(best)[int(MISSED * len(best))])
+    day, answers = dataset.plan_config, answer_day(dataset, probability)
+    wanted = answers["label"].isin([one.label for one in day.episodes if one.should_trigger])
+    best = answers[wanted].groupby("scene")["score"].max().clip(lower=1e-12).sort_values()
     return {
         "tracks": len(ends),
         "auc": {"value": auc(values, human), "low": low, "high": high},
         "expected_calibration_error": expected_calibration_error(bins),
-        "alarm": score_at_threshold(day, episodes, max(threshold, 1e-12)),
+        "alarm": score_at_threshold(day, answers, float(best.iloc[int(MISSED * len(best))])),
     }
 
 
@@ -193,21 +189,13 @@ def answer_baseline(name: str, train: Dataset, test: Dataset) -> FloatArray:
     return probability[:, rows.classes.index(ALARM_CLASS)]
 
 
-def _measure_stored(rows: Rows, field: str, measure: Callable[[Any], FloatArray], n_values: int) -> FloatArray:
-    # values (n, n_values) of a stored array of every row, NaN where it is empty
-    found = np.full((len(rows), n_values), np.nan)
+def _measure_stored(rows: Rows, field: str, measure: Callable[[Any], Inputs], n_values: int = 0) -> Inputs:
+    # values (n, n_values) of a stored array of every row, NaN where it is empty; or objects, None
+    found = np.full((len(rows), n_values), np.nan) if n_values else np.empty(len(rows), dtype=object)
     for number, (origin, place) in enumerate(zip(rows.origin.tolist(), rows.place.tolist(), strict=True)):
         values = rows.datasets[origin].stored(place, field)
         if values is not None and values.size:
             found[number] = measure(values)
-    return found
-
-
-def _cut_spectrograms(rows: Rows) -> Inputs:
-    found = np.empty(len(rows), dtype=object)
-    for number, seen in enumerate(collect_inputs(rows, "track").values[:, -1]):
-        if seen.pictures is not None:
-            found[number] = to_levels(seen.pictures[0, N_SLICES // 2]).T
     return found
 
 
@@ -221,10 +209,32 @@ BASELINES: Mapping[str, tuple[Callable[[Rows], Inputs], str]] = {
         "extended-boosting",
     ),
     "six-features": (lambda rows: collect_inputs(rows, "six").values, "extended-boosting"),
-    "spectrogram": (_cut_spectrograms, "signature-network"),
+    "spectrogram": (
+        lambda rows: _measure_stored(rows, "pictures", lambda v: to_levels(v[0, N_SLICES // 2]).T),
+        "signature-network",
+    ),
     "track": (lambda rows: collect_inputs(rows, "track").values, "track-network"),
 }
 """Baselines: what they measure in a window, and how they are trained on ``train``."""
+
+
+@takes_options(BenchmarkOptions)
+def score_classifiers(folder: Path, *, report: Callable[[str], Any], **options: Any) -> dict[str, Any]:
+    """Build the benchmark in a folder and score classifiers on it."""
+    chosen, built, identities = BenchmarkOptions(**options), {}, []
+    answers = {name: open_classifier(name) for name in chosen.classifier or BASELINES}
+    used = [name for name, part in PARTS.items() if chosen.recordings or not part.recorded]
+    for name in used if any(name in BASELINES or ".py:" in name for name in answers) else used[1:]:
+        with report(name) as tell:
+            one = built[name] = build_part(name, folder / name, folder=chosen.recordings, on_progress=tell)
+        identity = {"part": name, "identity": one.description["id"]}
+        identities.append({**identity, "contents": identify_contents(one)})
+    train = built.pop("train", next(iter(built.values())))
+    scores = {
+        name: {part: score_part(dataset, answer(train, dataset)) for part, dataset in built.items()}
+        for name, answer in answers.items()
+    }
+    return {"benchmark": NAME, "parts": identities, "scores": scores}
 
 
 def format_scores(name: str, scores: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:

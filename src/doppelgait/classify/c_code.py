@@ -73,16 +73,6 @@ class Device:
     still_time_s: float | None
 
     @property
-    def mean_weight(self) -> float:
-        """Share of a new pulse in the running mean."""
-        return 0.0 if self.still_time_s is None else -math.expm1(-1.0 / (self.still_time_s * self.radar.prf_hz))
-
-    @property
-    def column_s(self) -> float:
-        """Time from column to column of a picture."""
-        return HOPS_PER_COLUMN * self.hop / self.radar.prf_hz
-
-    @property
     def row_mps(self) -> float:
         """Velocity from row to row of the transform."""
         return self.radar.prf_hz * self.radar.wavelength_m / (2.0 * self.n_doppler)
@@ -107,7 +97,7 @@ def plan_device(model: Model, settings: CSettings) -> Device:
 
 
 def drop_features(network: TrackNetwork) -> TrackNetwork:
-    """Return a network that answers as if no feature were known, as it was trained for a part of the tracks."""
+    """Return a network that answers as if no feature were known."""
     return replace(network, feature_weight=np.zeros_like(network.feature_weight))
 
 
@@ -170,7 +160,9 @@ class Sources:
         # mean of the lowest third of row means, which are gamma variables, over their mean
         bins = density * device.radar.n_range_bins
         bias = 3.0 * float(gamma.cdf(gamma.ppf(1.0 / 3.0, bins), bins + 1.0))
-        counts: dict[str, int] = {
+        prf_hz, still_s = device.radar.prf_hz, device.still_time_s or math.inf
+        column_s = HOPS_PER_COLUMN * device.hop / prf_hz
+        values: dict[str, float] = {
             "CLASSES": len(facts.classes),
             "ALARM_CLASS": facts.classes.index(str(facts.alarm)),
             "BINS": device.radar.n_range_bins,
@@ -179,7 +171,7 @@ class Sources:
             "HOP": device.hop,
             "HOPS_PER_COLUMN": HOPS_PER_COLUMN,
             "COLUMNS": device.n_columns,
-            "HOP_COLUMNS": round(HOP_S / device.column_s),
+            "HOP_COLUMNS": round(HOP_S / column_s),
             "TIMES": N_COLUMNS,
             "VELOCITIES": N_CELLS,
             "SLICES": N_SLICES,
@@ -195,18 +187,16 @@ class Sources:
             "MOST_LOST": MOST_LOST,
             "MOST_SPIKES": MOST_SPIKES,
             "LEAST_FOUND": math.ceil(LEAST_FOUND * device.n_columns),
-        }
-        numbers: dict[str, float] = {
             "ABSTAIN_BELOW": facts.abstain_below,
             "ALARM_THRESHOLD": float(facts.alarm_threshold or 1.0),
             "SLOPE": self.model.calibration.slope,
-            "PRF_HZ": device.radar.prf_hz,
+            "PRF_HZ": prf_hz,
             "FIRST_M": float(device.radar.range_axis_m()[0]),
             "BIN_M": bin_m,
             "ROW_MPS": device.row_mps,
             "CELL_MPS": CELL_MPS,
             "SLICE_M": SLICE_M,
-            "COLUMN_S": device.column_s,
+            "COLUMN_S": column_s,
             "RANGE_DB": RANGE_DB,
             "SIGNIFICANT": SIGNIFICANT,
             "LEAST_ENERGY": least,
@@ -218,10 +208,10 @@ class Sources:
             "LONGEST_S": LONGEST_S,
             "MOST_LOG": MOST_LOG,
             "SCALE": SCALE,
-            "STILL_SHARE": device.mean_weight,
+            "STILL_SHARE": -math.expm1(-1.0 / (still_s * prf_hz)),  # of a pulse in the running mean
             "TOLERANCE": TOLERANCE_OF_GOLDEN,
         }
-        return {**counts, **{name: _format_float(value) for name, value in numbers.items()}}
+        return {key: _format_float(n) if isinstance(n, float) else n for key, n in values.items()}
 
     def _add_array(self, name: str, kind: str, values: Any) -> str:
         """Add a constant array and return its name."""

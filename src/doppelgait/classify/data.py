@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -55,8 +55,7 @@ class Rows:
 AnyRows = TypeVar("AnyRows", bound=Rows)
 
 
-@dataclass(frozen=True, eq=False)
-class Table:
+class Table(NamedTuple):
     """Inputs of a model, one row each."""
 
     values: Inputs
@@ -109,17 +108,6 @@ def all_rows(dataset: Dataset, classes: tuple[str, ...], index: pd.DataFrame | N
     place, nothing = index.index.to_numpy(dtype=np.int64), np.zeros(len(index), dtype=np.int64)
     groups = index["group" if "group" in index else "subject"].to_numpy(dtype=str)
     return Rows((dataset,), index.reset_index(drop=True), nothing, place, classes, nothing, groups)
-
-
-def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
-    """Collect the rows of classes outside the training data."""
-    index = dataset.index[~dataset.index["label"].isin(known.classes)]
-    if index.empty:
-        raise DatasetError(
-            f"--unknown {dataset.directory}: has only the classes {', '.join(known.classes)}, "
-            "which the models are trained on"
-        )
-    return all_rows(dataset, known.classes, index)
 
 
 def collect_inputs(

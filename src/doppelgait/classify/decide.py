@@ -23,11 +23,12 @@ from doppelgait.classify.model import (
     read_wavelength_m,
 )
 from doppelgait.classify.model_file import find_shipped_model, load_model_for_radar, load_shipped_model
+from doppelgait.classify.options import WindowOptions, takes_options
 from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.errors import AnalysisError, explain_memory, warn_caller
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.example import find_feature_columns
-from doppelgait.pipeline import Result, Tracking, analyze, read_results
+from doppelgait.pipeline import Result, analyze, read_results
 from doppelgait.pipeline.result_files import is_result_file
 from doppelgait.processing import Analysis
 from doppelgait.processing.patches import Levels, levels_of
@@ -78,12 +79,7 @@ class Decision:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the decision as plain values for JSON."""
-        return {
-            **vars(self),
-            "probabilities": dict(self.probabilities),
-            "flags": list(self.flags),
-            "quality": dict(self.quality),
-        }
+        return {**vars(self), "flags": list(self.flags)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,13 +142,9 @@ class TargetInputs:
 
 
 @explain_memory
+@takes_options(WindowOptions, but=("window_s", "hop_s"))
 def classify(
-    source: str | Path | Recording | Sequence[Result],
-    model: Model | None = None,
-    *,
-    gate: Any = "track",
-    analysis: Analysis | None = None,
-    tracking: Tracking | None = None,
+    source: str | Path | Recording | Sequence[Result], model: Model | None = None, **options: Any
 ) -> list[Decision]:
     """Classify every target of a recording.
 
@@ -163,9 +155,7 @@ def classify(
     model : Model, optional
         Model; by default the shipped model that fits the radar
         (:func:`doppelgait.classify.model_file.find_shipped_model`).
-    gate, analysis, tracking
-        As for :func:`doppelgait.analyze`, for recordings; by default the analysis of the training
-        data.
+    **options
 
     Returns
     -------
@@ -191,14 +181,14 @@ def classify(
     >>> decisions[0].label, round(decisions[0].probability, 1)
     ('human', 1.0)
     """
-    stored = isinstance(source, str | Path) and is_result_file(source)
+    chosen, stored = WindowOptions(**options), isinstance(source, str | Path) and is_result_file(source)
     if isinstance(source, str | Path) and not stored:
         source = read_recording(Path(source).resolve() if Path(source).is_dir() else source)
     if isinstance(source, Recording):
         model = model or choose_model(source)
-        settings = analysis or read_training_analysis(model)
+        settings = chosen.analysis or read_training_analysis(model)
         _warn_about_settings(settings.model_dump(mode="json"), model)
-        results: Sequence[Result] = analyze(source, gate=gate, analysis=settings, tracking=tracking)
+        results: Sequence[Result] = analyze(source, gate=chosen.gate, analysis=settings, tracking=chosen.tracking)
     else:
         results = read_results(source).targets if isinstance(source, str | Path) else source
     if not results:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,8 +18,8 @@ import pandas as pd
 from doppelgait import __version__
 from doppelgait.classify import scores, training
 from doppelgait.classify.adapt import adapt_to_rows
-from doppelgait.classify.alarm import confirm, run_day, score_day
-from doppelgait.classify.data import Rows, Table, collect_inputs, collect_rows, select_split, take_rows, unknown_rows
+from doppelgait.classify.alarm import confirm, score_alarm
+from doppelgait.classify.data import Rows, Table, all_rows, collect_inputs, collect_rows, select_split, take_rows
 from doppelgait.classify.learned import (
     LEAST_FAR,
     FloatArray,
@@ -27,6 +27,7 @@ from doppelgait.classify.learned import (
     IntArray,
     LabelledRows,
     Learned,
+    Seen,
     TrackNetwork,
     join_inputs,
     select_features,
@@ -66,8 +67,7 @@ HELD_FOLDS = 5
 MOST_LEFT_OUT = 100
 
 
-@dataclass(frozen=True, eq=False)
-class Fold:
+class Fold(NamedTuple):
     """Rows for training, validation and testing."""
 
     name: str
@@ -185,8 +185,7 @@ def _check_all_classes(rows: Rows, learn: IntArray, words: str) -> None:
         raise DatasetError(f"{words} has no row of {', '.join(missing)}: these classes cannot be trained")
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
+class Run(NamedTuple):
     """Results of one model over all folds."""
 
     answers: Answers
@@ -245,6 +244,24 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members
     return describe_model(rows, table, name, fold, learned, seed=seed)
 
 
+def find_alarm_threshold(
+    probability: FloatArray, is_alarm: scores.Bools, groups: scores.Groups, seen: Sequence[Seen] | None = None
+) -> tuple[float | None, int | None]:
+    """Return the probability from which the alarm is raised, and the number of people behind it."""
+    if seen is not None:  # an alarm stays, so that the highest confirmed probability of a target of two windows counts
+        probability = confirm(probability, seen)
+        among = np.isin(groups, groups[is_alarm])  # of a recording with people, an alarm is right
+        of_one = pd.DataFrame({"group": groups, "is_alarm": is_alarm, "highest": probability})
+        of_one = of_one[(probability > 0.0) & (is_alarm | ~among)].groupby("group", as_index=False).max()
+        groups, is_alarm, probability = (of_one[name].to_numpy() for name in of_one)
+    found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
+    if not np.isfinite(found):
+        return None, None
+    if seen is not None:  # of the others even fewer may raise it than of people may be missed
+        found = max(found, np.nextafter(find_detection_threshold(probability, ~is_alarm, FALSE_SHARE), 1.0))
+    return float(found), int(np.unique(groups[is_alarm]).size)
+
+
 def describe_model(
     rows: Rows, table: Table, name: str, fold: Fold, learned: Learned, *, seed: int, answers: FloatArray | None = None
 ) -> Model:
@@ -264,20 +281,8 @@ def describe_model(
     alarm = rows.alarm if rows.alarm in rows.classes else None
     if alarm is not None:
         number = rows.classes.index(alarm)
-        is_alarm = held.labels == number
-        probability = calibration(answers)[:, number]
-        if of_tracks:  # an alarm stays, so that the highest confirmed probability of a target of two windows counts
-            probability = confirm(probability, held.values[:, -1].tolist())
-            among = np.isin(groups, groups[is_alarm])  # of a recording with people, an alarm is right
-            of_one = pd.DataFrame({"group": groups, "is_alarm": is_alarm, "highest": probability})
-            of_one = of_one[(probability > 0.0) & (is_alarm | ~among)].groupby("group", as_index=False).max()
-            groups, is_alarm, probability = (of_one[name].to_numpy() for name in of_one)
-        found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
-        if of_tracks:  # of the others even fewer may raise it than of people may be missed
-            rung = np.sort(probability[~is_alarm])[::-1][int(FALSE_SHARE * np.count_nonzero(~is_alarm)) :]
-            found = max([found, *np.nextafter(rung[:1], 1.0)])
-        if np.isfinite(found):
-            threshold, people = found, int(np.unique(groups[is_alarm]).size)
+        seen = held.values[:, -1].tolist() if of_tracks else None
+        threshold, people = find_alarm_threshold(calibration(answers)[:, number], held.labels == number, groups, seen)
     # Span of every feature, NaN if never known, and the share of rows in which it is unknown.
     values = select_features(train.values) if table.names else np.zeros((train.labels.size, 0))
     spans = [reduce(values, initial=np.nan) for reduce in (np.fmin.reduce, np.fmax.reduce)]
@@ -307,7 +312,7 @@ def describe_model(
     )
     novelty = None
     if table.names and name not in BASELINES and not of_tracks:
-        novelty = training.learn_novelty(training.standardise_columns(values), LabelledRows(values, train.labels), held)
+        novelty = training.learn_novelty(LabelledRows(values, train.labels), held)
     return Model(facts, learned, calibration, spans[0], spans[1], np.isnan(values).mean(axis=0), novelty)
 
 
@@ -414,12 +419,12 @@ class Evaluation:
 
 
 @explain_memory
-@takes_options()
+@takes_options(Options)
 def evaluate(
     dataset: Dataset | str | Path,
     *,
     keep: bool = False,
-    day: PlanConfig | None = None,
+    day: PlanConfig | str | Path | None = None,
     on_progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> Evaluation:
@@ -432,8 +437,8 @@ def evaluate(
         ``n_folds`` or ``left_out`` is set.
     keep : bool
         After a cross-validation train each model once more, on all rows.
-    day : PlanConfig, optional
-        Score the alarm of the kept model over a day (:func:`doppelgait.classify.alarm.run_day`).
+    day : PlanConfig or path, optional
+        Score the alarm of the kept model over a day (:func:`doppelgait.classify.alarm.score_alarm`).
     on_progress : callable, optional
         Called with (models trained, models to train).
     **options
@@ -477,12 +482,8 @@ def evaluate(
             f"--save: no rows can be held out to choose among {', '.join(trained)}: a class has too few targets; "
             "name the one model to keep (--models), or add more data"
         )
-    done, runs = count(1), dict[str, Run]()
-
-    def tick() -> None:
-        if on_progress is not None:
-            on_progress(next(done), len(tables) * len(whole))
-
+    done, total, runs = count(1), len(tables) * len(whole), dict[str, Run]()
+    tick = (lambda: on_progress(next(done), total)) if on_progress else (lambda: None)
     for name in tables:
         members = [runs[member] for member in MEMBERS if member in runs] if name == "ensemble" else []
         runs[name] = run_model(rows, tables[name], name, whole, seed, members, tick)
@@ -505,7 +506,7 @@ def evaluate(
             entry["unknown"] = scores.open_set_scores(kept[name], tested, unknown)
         document["notes"] += [f"{name}: {remark}" for remark in remarks]
     if day is not None and best is not None and best in kept:
-        document["alarm_day"] = {"model": best, **score_day(day, run_day(day, kept[best]), kept[best])}
+        document["alarm_day"] = {"model": best, **score_alarm(kept[best], day=day)}
     return Evaluation(document, tabulate_answers(runs), best, kept)
 
 
@@ -526,7 +527,14 @@ def _collect_test_rows(dataset: Dataset | str | Path, options: Options, *, neede
     if needed and alarm not in rows.classes:
         raise ConfigError(f"--alarm: no class {alarm}; name one of {classes} by --alarm-class")
     rows = replace(rows, alarm=alarm)
-    return rows, None if unknown is None else unknown_rows(unknown, rows)
+    if unknown is None:
+        return rows, None
+    index = unknown.index[~unknown.index["label"].isin(rows.classes)]
+    if index.empty:
+        raise DatasetError(
+            f"--unknown {unknown.directory}: has only the classes {classes}, which the models are trained on"
+        )
+    return rows, all_rows(unknown, rows.classes, index)
 
 
 def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], outside: Mapping[str, Any]) -> list[str]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,8 +23,7 @@ FORMS = ("c", "numpy", "onnx")
 LISTING, FORMAT = "export.json", "doppelgait-model-export"
 
 
-@dataclass(frozen=True)
-class Export:
+class Export(NamedTuple):
     """Written export."""
 
     folder: Path

@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify import scorer
-from doppelgait.classify.scorer import log_softmax
 from doppelgait.processing.patches import Levels, Patch
 
 FloatArray = npt.NDArray[np.float64]
@@ -210,10 +209,8 @@ class Ensemble:
 
     def log_probability(self, values: Inputs) -> FloatArray:
         """Return log-probabilities, shape (n, n_classes)."""
-        total = np.zeros((len(values), self.shifts.shape[1]))
-        for member, weight, slope, shift in zip(self.members, self.weights, self.slopes, self.shifts, strict=True):
-            total += weight * log_softmax(slope * member.log_probability(select_inputs(member, values)) + shift)
-        return log_softmax(total)
+        answers = [member.log_probability(select_inputs(member, values)) for member in self.members]
+        return scorer.join(vars(self), answers)
 
 
 def join_inputs(features: Inputs, pictures: Inputs) -> Inputs:
@@ -235,10 +232,7 @@ def select_inputs(learned: Learned, values: Inputs) -> Inputs:
 
 @dataclass(frozen=True, eq=False)
 class Novelty(Columns):
-    """Distance of features from the nearest class, and its ranks.
-    Mahalanobis: d² = min_k (x - m_k)' C⁻¹ (x - m_k) with the class means m_k and the covariance C
-    about them (Lee et al. 2018), of the columns of :class:`Linear`.
-    """
+    """Mahalanobis distance from the nearest class mean (Lee et al. 2018), and its ranks."""
 
     floor: FloatArray
     centre: FloatArray

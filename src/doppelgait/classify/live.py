@@ -10,6 +10,7 @@ import queue
 import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,7 @@ import numpy.typing as npt
 from doppelgait.classify.decide import read_training_analysis
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import load_model_for_radar
+from doppelgait.classify.options import WindowOptions, takes_options
 from doppelgait.classify.timeline import TrackDecision, Tracks, check_window
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.interrupt import raise_if_stopped
@@ -114,17 +116,15 @@ class Live:
         return False
 
 
+@takes_options(WindowOptions, but=("gate",))
 def live(
     frames: Frames,
     radar: Radar,
     model: Model | None = None,
     *,
-    window_s: float | None = None,
-    hop_s: float | None = None,
     range_m: npt.ArrayLike | None = None,
-    analysis: Analysis | None = None,
-    tracking: Tracking | None = None,
     skip: bool = False,
+    **options: Any,
 ) -> Live:
     """Classify targets while the frames of a radar arrive.
 
@@ -139,15 +139,12 @@ def live(
         between its neighbours; after a gap longer than a window, the windows start again.
     model : Model, optional
         By default the included model that fits the radar.
-    window_s, hop_s : float, optional
-        As for :func:`doppelgait.classify.classify_over_time`.
     range_m : array_like, shape (N,), optional
         Ranges of the bins; those of the radar by default.
-    analysis, tracking
-        As for :func:`doppelgait.classify.classify`.
     skip : bool
         If the analysis is slower than the frames: True skips hops, so that decisions are not late
         (for a sensor); False makes the source wait (for a file).
+    **options
 
     Returns
     -------
@@ -174,9 +171,11 @@ def live(
     [(3.0, 'human')]
     """
     model = model or load_model_for_radar(radar)
-    window_s, hop_s = check_window(window_s, hop_s, model)
+    chosen = WindowOptions(**options)
+    window_s, hop_s = check_window(chosen.window_s, chosen.hop_s, model)
     ranges = radar.range_axis_m() if range_m is None else np.asarray(range_m, dtype=np.float64)
     if ranges.ndim != 1 or not ranges.size or not np.isfinite(ranges).all():
         raise ConfigError(f"range_m: must be finite, of shape (N,), not of shape {ranges.shape}")
     ring = Ring(radar, ranges, window_s, hop_s)
-    return Live(ring, frames, Tracks(model), analysis or read_training_analysis(model.of_tracks), tracking, skip)
+    analysis = chosen.analysis or read_training_analysis(model.of_tracks)
+    return Live(ring, frames, Tracks(model), analysis, chosen.tracking, skip)

@@ -92,10 +92,8 @@ def row_weights(labels: IntArray, n_classes: int) -> FloatArray:
 
 
 def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
-    """Fit a calibration to held-out rows, every class with the same weight.
-    Two classes: Platt's sigmoid with targets (n + 1) / (n + 2); more: temperature scaling with
-    corrected biases (Alexandari et al. 2020). Shapes: log_probability (n, n_classes); labels (n,).
-    """
+    """Fit a calibration to held-out rows, every class with the same weight."""
+    # two classes: Platt's sigmoid; more: temperature and corrected biases (Alexandari et al. 2020)
     n_classes = log_probability.shape[1]
     counts = np.bincount(labels, minlength=n_classes)
     if counts.min() < LEAST_ROWS:
@@ -238,7 +236,6 @@ class Facts(FrozenModel):
     novel_below: float = Field(default=NOVEL_BELOW, ge=0, le=1)
     window_s: float | None = Field(default=None, gt=0)  # length of the windows of the training data, if they were cut
     alarm: str | None = None
-    # Probability of the alarm class that 95 % of its held-out rows reach, and number of targets.
     alarm_threshold: float | None = Field(default=None, ge=0, le=1)
     alarm_people: int | None = Field(default=None, ge=0)
     blocking: tuple[str, ...] = BLOCKING
@@ -341,13 +338,6 @@ class Model:
         """Limits of every feature: the training range with its tolerance."""
         spare = OUTSIDE * (self.highest - self.lowest)
         return self.lowest - spare, self.highest + spare
-
-
-def describe_alarm_data(facts: Facts) -> str:
-    """Describe the data behind an alarm threshold; empty if unknown."""
-    if facts.alarm_threshold is None or facts.alarm_people is None:
-        return ""
-    return f"the alarm threshold is based on {facts.alarm_people} held-out targets of class {facts.alarm}"
 
 
 def find_blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | None:

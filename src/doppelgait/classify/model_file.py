@@ -33,6 +33,7 @@ from doppelgait.classify.learned import (
     list_arrays,
 )
 from doppelgait.classify.model import TOLERANCE, Calibration, Facts, Model, mark_outside
+from doppelgait.classify.scorer import select_part
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError, list_choices
@@ -128,22 +129,16 @@ def _unpack_model(document: Mapping[str, Any], arrays: Arrays, path: str | Path)
     facts = validate(Facts, document["facts"], where=str(path))
     own = {name: values for name, values in arrays.items() if not name.startswith(TRACK)}
     slope, shift = float(own["calibration.slope"][0]), own["calibration.shift"]
-    novelty = None
-    if any(name.startswith("novelty.") for name in own):  # older models have none
-        novelty = Novelty(**{each.name: own[f"novelty.{each.name}"] for each in fields(Novelty)})
+    novelty = Novelty(**far) if (far := select_part(own, "novelty.")) else None  # older models have none
     calibration = Calibration(slope, shift, int(document["calibration_rows"]))
     model = Model(facts, _unpack(document, own), calibration, own["lowest"], own["highest"], own["unknown"], novelty)
     _check_model(model)
     if "track" not in document:
         return model
-    track = _unpack_model(document["track"], _select_part(arrays, TRACK), path)
+    track = _unpack_model(document["track"], select_part(arrays, TRACK), path)
     if not isinstance(track.learned, TrackNetwork) or track.track or track.facts.alarm != facts.alarm:
         raise ValueError("its model of tracks is none, or has another alarm")
     return replace(model, track=track)
-
-
-def _select_part(arrays: Arrays, start: str) -> Arrays:
-    return {name.removeprefix(start): values for name, values in arrays.items() if name.startswith(start)}
 
 
 def _pack(learned: Learned) -> tuple[dict[str, Any], Arrays]:
@@ -166,7 +161,7 @@ def _unpack(form: Mapping[str, Any], arrays: Arrays) -> Learned:
         forms = form["members"][:MOST_MEMBERS]
         if any(own["learned"] == "ensemble" for own in forms):
             raise ValueError("its members are ensembles")
-        members = [_unpack(own, _select_part(arrays, f"member.{number}.")) for number, own in enumerate(forms)]
+        members = [_unpack(own, select_part(arrays, f"member.{number}.")) for number, own in enumerate(forms)]
         return Ensemble(tuple(members), arrays["weights"], arrays["slopes"], arrays["shifts"])
     if form["learned"] == "kernel":
         raise ConfigError("it has support vector machines, which this version has no longer; train it again")

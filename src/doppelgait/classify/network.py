@@ -16,6 +16,7 @@ from pydantic import Field
 
 from doppelgait.classify import scorer
 from doppelgait.classify.learned import (
+    LAYERS,
     FloatArray,
     Inputs,
     IntArray,
@@ -49,10 +50,7 @@ without features, as on a device."""
 
 
 class Training(FrozenModel):
-    """Training and augmentation settings of a network.
-    Training ends when the held-out loss has not improved for ``patience`` epochs, and returns the
-    best state.
-    """
+    """Settings of training, which returns the best state of held-out loss, and of augmentation."""
 
     most_epochs: int = Field(default=60, ge=1)
     most_pictures: int = Field(default=60_000, ge=1)
@@ -135,7 +133,7 @@ def _read_model(state: Mapping[str, Any], spec: Patch) -> Network:
     # the network as plain arrays
     last = f"{4 * len(CHANNELS) + 3}"
     weight, bias = (state[f"{last}.{name}"].cpu().contiguous().numpy() for name in ("weight", "bias"))
-    return Network(*_read_layers(state, len(CHANNELS)), weight, bias, spec)
+    return Network(**_read_layers(state, len(CHANNELS)), weight=weight, bias=bias, patch=spec)
 
 
 def _build_layers(nn: Any, channels: Sequence[int]) -> list[Any]:
@@ -210,19 +208,15 @@ def _compute_held_loss(torch: Any, model: Any, device: Any, held: LabelledRows, 
     return total / held.labels.size
 
 
-def _read_layers(
-    state: Mapping[str, Any], n_layers: int
-) -> tuple[tuple[Levels, ...], tuple[Levels, ...], tuple[Levels, ...]]:
+def _read_layers(state: Mapping[str, Any], n_layers: int) -> dict[str, tuple[Levels, ...]]:
     """Return kernels, scales and biases of layers, with batch normalisation as scale and bias."""
-    arrays = {name: values.cpu().contiguous().numpy() for name, values in state.items()}
-    kernels, scales, biases = [], [], []
+    arrays, layers = {name: values.cpu().contiguous().numpy() for name, values in state.items()}, []
     for number in range(n_layers):
         norm = f"{4 * number + 2}"
         scale = arrays[f"{norm}.weight"] / np.sqrt(arrays[f"{norm}.running_var"] + NORM_EPSILON)
-        kernels.append(arrays[f"{4 * number}.weight"])
-        scales.append(scale)
-        biases.append(arrays[f"{norm}.bias"] - arrays[f"{norm}.running_mean"] * scale)
-    return tuple(kernels), tuple(scales), tuple(biases)
+        bias = arrays[f"{norm}.bias"] - arrays[f"{norm}.running_mean"] * scale
+        layers.append((arrays[f"{4 * number}.weight"], scale, bias))
+    return dict(zip(LAYERS.values(), zip(*layers, strict=True), strict=True))
 
 
 # Networks of tracks --------------------------------------------------------------------------------------------------
@@ -232,10 +226,7 @@ def _read_layers(
 def train_track_network(
     train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int, epochs: int = 12
 ) -> TrackNetwork:
-    """Train a network on the windows of tracks: every answer after a window counts.
-
-    Without torch, features alone are used: the log-odds of a logistic regression are summed.
-    """
+    """Train a network on windows of tracks; without torch the log-odds of features are summed."""
     from doppelgait.classify.training import standardise_columns
 
     kept = np.array([each.pictures is not None for each in train.values[:, -1]], dtype=bool)
@@ -243,10 +234,8 @@ def train_track_network(
     train = LabelledRows(train.values[kept], np.where(shown >= 0, shown, train.labels)[kept])
     if not train.labels.size:
         raise DatasetError("no training row has pictures of a track; build the dataset with the field pictures")
-    *standard, whole = standardise_columns(select_features(train.values))
+    own, whole = standardise_columns(select_features(train.values))
     columns: Levels = np.clip(whole, -scorer.FARTHEST_SD, scorer.FARTHEST_SD).astype(np.float32)
-    names = ("median", "told", "mean", "scale", "floor")
-    own: dict[str, Any] = dict(zip(names, standard, strict=True))
     if not is_torch_installed():
         warn_caller(f"{NO_TORCH.replace('signature', 'track')}. Without it the model is smaller: it uses no pictures")
         return TrackNetwork(**own, **_sum_log_odds(columns, train.labels, n_classes))
@@ -367,8 +356,7 @@ def _answer_tracks(
 
 
 def _read_track_model(model: Any) -> dict[str, Any]:
-    layers = _read_layers(model["convolution"].state_dict(), len(TRACK_CHANNELS))
-    arrays: dict[str, Any] = dict(zip(("kernels", "scales", "biases"), layers, strict=True))
+    arrays: dict[str, Any] = {**_read_layers(model["convolution"].state_dict(), len(TRACK_CHANNELS))}
     for name in ("feature", "embed", "gate", "value", "hidden", "output"):
         start = "" if name == "output" else f"{name}_"
         arrays |= {f"{start}{kind}": values.detach().numpy() for kind, values in model[name].named_parameters()}
@@ -386,7 +374,7 @@ def _sum_log_odds(columns: Levels, labels: IntArray, n_classes: int) -> dict[str
     both, n = np.hstack([np.eye(n_classes), -np.eye(n_classes)]), n_classes  # positive and negative parts of scores
     nothing = np.zeros((n, 2 * n + 2))
     return {
-        **dict.fromkeys(("kernels", "scales", "biases"), ()),
+        **dict.fromkeys(LAYERS.values(), ()),
         **{"feature_weight": both.T @ weight, "feature_bias": both.T @ bias},
         **{"embed_weight": np.hstack([np.zeros((2 * n, 2 * N_SLICES)), np.eye(2 * n)]), "embed_bias": np.zeros(2 * n)},
         **{"gate_weight": nothing, "gate_bias": np.zeros(n)},

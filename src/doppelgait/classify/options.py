@@ -1,22 +1,44 @@
-"""Options of training, evaluation and adaptation, for Python and for the command line.
+"""Options of commands and of the functions behind them: names, kinds, help and clashes.
 
 No library is imported, so that the help of a command needs none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from inspect import Parameter, cleandoc, formatannotation, signature
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 from doppelgait.core.errors import ConfigError
 
-FLAGS = {"other": "--test", "n_folds": "--cv", "left_out": "--leave-out", "own": "--adapt", "unknown": "--unknown"}
-"""Options that exclude each other, as the command line names them."""
+FLAGS = {"other": "--test", "n_folds": "--cv", "left_out": "--leave-out", "own": "--adapt", "directory": "--output -o"}
+"""Options that have another name on the command line."""
+KINDS = {"analysis": "Analysis, optional", "tracking": "Tracking, optional", "gate": "as for analyze"}
+"""Kinds of options that need a library; the others of any kind are datasets or their folders."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def name_flag(name: str) -> str:
+    """Return the flag of an option."""
+    return FLAGS.get(name, f"--{name.replace('_', '-')}")
+
+
+def check_options(chosen: Any) -> None:
+    """Check and convert the values of options."""
+    from pydantic import TypeAdapter, ValidationError
+
+    for name, hint in get_type_hints(type(chosen), include_extras=True).items():
+        kind, (_, *least), value = hint.__origin__, hint.__metadata__, getattr(chosen, name)
+        try:
+            object.__setattr__(chosen, name, TypeAdapter(kind).validate_python(value))
+        except ValidationError:
+            raise ConfigError(f"{name}: {value!r:.80} is not allowed; must be {formatannotation(kind)}") from None
+        if least and value is not None and value < least[0]:
+            raise ConfigError(f"{name_flag(name)} {value}: must be {least[0]} or more")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,48 +73,94 @@ class Options:
     ] = None
     alarm_class: Annotated[str | None, "Class that triggers the alarm; human by default."] = None
     motion_folder: Annotated[Path | None, "Folder of the plan's motion files."] = None
-    seed: Annotated[int, "Seed of folds, training and confidence intervals, 0 or more."] = 0
+    seed: Annotated[int, "Seed of folds, training and confidence intervals, 0 or more.", 0] = 0
 
     def __post_init__(self) -> None:
-        from pydantic import TypeAdapter, ValidationError
-
-        for name, kind in get_type_hints(Options).items():
-            try:
-                object.__setattr__(self, name, TypeAdapter(kind).validate_python(value := getattr(self, name)))
-            except ValidationError:
-                raise ConfigError(f"{name}: {value!r:.80} is not allowed; must be {formatannotation(kind)}") from None
-        given = [flag for name, flag in FLAGS.items() if getattr(self, name) is not None]
+        check_options(self)
+        exclusive = ("other", "n_folds", "left_out", "own", "unknown")
+        given = [name_flag(name) for name in exclusive if getattr(self, name) is not None]
         for flag in ("--adapt", "--unknown"):
             if flag in given and {"--cv", "--leave-out"} & {*given}:
                 raise ConfigError(f"{flag}: needs one model for all rows; leave --cv and --leave-out out")
         if len(clash := [flag for flag in given if flag != "--unknown"]) > 1:
             raise ConfigError(f"{' and '.join(sorted(clash))}: use one of them")
-        if self.seed < 0:
-            raise ConfigError(f"--seed {self.seed}: must be 0 or more")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowOptions:
+    """Options of decisions about a recording, its windows, or a stream."""
+
+    gate: Annotated[Any, "Range gate of the targets: track, truth, or FROM:TO in m."] = "track"
+    window_s: Annotated[
+        float | None,
+        "Length of the windows, s, across which tracks are linked; by default that of the model, or "
+        "1.5 times its shortest observation.",
+    ] = None
+    hop_s: Annotated[float | None, "Step between windows, s; by default a fifth of the window."] = None
+    analysis: Annotated[Any, "Of recordings; by default the analysis of the training data."] = None
+    tracking: Annotated[Any, "Parameters of the gate track."] = None
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlarmOptions:
+    """Options of an alarm over simulated days."""
+
+    day: Annotated[Any, "Plan of episodes, name or file; by default home-alarm-day."] = None
+    repeats: Annotated[int | None, "Recordings of each kind, 1 or more; by default the plan's.", 1] = None
+    directory: Annotated[Path | None, "Folder to keep the windows of the day, to go on with."] = None
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkOptions:
+    """Options of the benchmark."""
+
+    classifier: Annotated[
+        list[str] | None,
+        "Baseline, FILE.py:FUNCTION, or model by name or file; repeatable.",
+    ] = None
+    recordings: Annotated[Path | None, "Folder of motion files, for the part 'recorded'."] = None
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 Annotate = Callable[[str, Any, str], Any]
 
 
-def takes_options(annotate: Annotate = lambda *facts: facts[1]) -> Callable[[Function], Function]:
-    """Give a function with ``**options`` the parameters of :class:`Options`, described."""
-    hints = get_type_hints(Options, include_extras=True)
-    fields = {name: (hint.__origin__, hint.__metadata__[0]) for name, hint in hints.items()}
+def takes_options(
+    of: type, annotate: Annotate = lambda *facts: facts[1], *, but: Sequence[str] = ()
+) -> Callable[[Function], Function]:
+    """Give a function with ``**options`` the parameters of a model, described, without some."""
+    hints = get_type_hints(of, include_extras=True).items()
+    fields = {name: (hint.__origin__, hint.__metadata__[0]) for name, hint in hints if name not in but}
 
     def wrap(function: Function) -> Function:
         given = signature(function, eval_str=True)
         *first, _ = given.parameters.values()
         own = [
-            Parameter(name, Parameter.KEYWORD_ONLY, default=getattr(Options, name), annotation=annotate(name, *facts))
+            Parameter(name, Parameter.KEYWORD_ONLY, default=getattr(of, name), annotation=annotate(name, *facts))
             for name, facts in fields.items()
         ]
-        function.__signature__ = given.replace(parameters=[*first, *own])  # type: ignore[attr-defined]
-        kinds = {
-            name: "Dataset or path, optional" if kind is Any else formatannotation(kind)
-            for name, (kind, _) in fields.items()
-        }
-        described = "\n".join(f"{name} : {kinds[name]}\n    {text}" for name, (_, text) in fields.items())
-        function.__doc__ = cleandoc(function.__doc__ or "").replace("**options", described)
-        return function
+        taken = given.replace(parameters=[*first, *own])
+        lines = [
+            f"{name} : {KINDS.get(name, 'Dataset or path, optional') if kind is Any else formatannotation(kind)}\n"
+            f"    {text}"
+            for name, (kind, text) in fields.items()
+        ]
+
+        @wraps(function)
+        def call(*values: Any, **stated: Any) -> Any:
+            taken.bind(*values, **stated)  # an option that it does not take is a TypeError
+            return function(*values, **stated)
+
+        call.__signature__ = taken  # type: ignore[attr-defined]
+        call.__doc__ = cleandoc(function.__doc__ or "").replace("**options", "\n".join(lines))
+        return call  # type: ignore[return-value]
 
     return wrap

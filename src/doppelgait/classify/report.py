@@ -336,8 +336,9 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
         f"{document['seed']}.</p>",
         *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
     ]
-    for number, (words, rows) in enumerate(list_sections(document)):
-        parts += [*filter(None, [words]), format_table(rows, grey=grey), *([] if number else [SCORES_TEXT])]
+    for words, rows in list_sections(document).items():
+        table = format_table(rows, grey=grey)
+        parts += [words, table] if words else [table, SCORES_TEXT]
     parts += [format_figure(name, words) for name, words in pictures]
     # Show details of the best model, or of the first trained model if no model is the best.
     best = str(document["kept"] or next(name for name in document["models"] if name not in grey))
@@ -362,9 +363,17 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
     return format_page(title, parts)
 
 
-def list_sections(document: Document) -> list[tuple[str, list[dict[str, str]]]]:
-    """List the tables of an evaluation that have rows, with a text before each."""
-    sections = [("", score_table(document)), (ALARM_TEXT, format_alarm_table(document))]
+def list_sections(document: Document) -> dict[str, list[dict[str, str]]]:
+    """List the tables of an evaluation that have rows, by the text before each."""
+    models, sections = document["models"].items(), {"": score_table(document)}
+    sources = {"held": "held rows", "curve": "its own curve"}
+    sections[ALARM_TEXT] = [
+        {"model": name, "threshold from": words}
+        | {label: format_interval(share) for label, share in model["alarm"][key].items()}
+        for name, model in models
+        for key, words in sources.items()
+        if key in (model["alarm"] or ())
+    ]
     if day := document.get("alarm_day"):
         words = (
             f"<h2>The alarm over a day: {escape(day['day'])}</h2><p>{escape(day['model'])} triggers for "
@@ -372,10 +381,32 @@ def list_sections(document: Document) -> list[tuple[str, list[dict[str, str]]]]:
             f"episodes, {day['repeats']} of each kind; missed: episodes that should trigger and do not; time from the "
             "start of an episode.</p>"
         )
-        sections += [(words, format_day(day)), ("", format_episodes(day))]
-    sections.append((ADAPTATION_TEXT, format_adaptation_table(document)))
-    sections.append((UNKNOWN_TEXT, format_unknown_table(document)))
-    return [section for section in sections if section[1]]
+        sections |= {words: format_day(day), "<p>Triggered recordings:</p>": format_episodes(day)}
+    sections[ADAPTATION_TEXT] = [
+        {
+            "model": name,
+            "own recordings of a class": str(point["n"]),
+            "balanced accuracy": format_interval({**point, "value": point["balanced_accuracy"]}),
+            "same targets before": format_number(point["before"]),
+            "targets": f"{point['movers']:.0f}",
+            "ECE": format_number(point["expected_calibration_error"]),
+        }
+        for name, model in models
+        for point in model.get("adaptation", [])
+    ]
+    sections[UNKNOWN_TEXT] = [
+        {
+            "model": name,
+            "kind": label,
+            "rows": str(found["n"]),
+            "AUC of the distance": format_number(found["auc"]),
+            "AUC of doubt": format_number(found["auc_of_probability"]),
+        }
+        | {f"called {other}": format_number(share) for other, share in found["decided"].items()}
+        for name, model in models
+        for label, found in model.get("unknown", {}).items()
+    ]
+    return {words: rows for words, rows in sections.items() if rows}
 
 
 def score_table(document: Document) -> list[dict[str, str]]:
@@ -392,50 +423,6 @@ def score_table(document: Document) -> list[dict[str, str]]:
         accuracy = format_number(decided["balanced_accuracy"]["value"])
         rows.append(row | {"decided": f"{format_number(decided['share'], 2)}: {accuracy}"})
     return rows
-
-
-def format_alarm_table(document: Document) -> list[dict[str, str]]:
-    """Format the alarm rates of every class, by model."""
-    sources = {"held": "held rows", "curve": "its own curve"}
-    return [
-        {"model": name, "threshold from": words}
-        | {label: format_interval(share) for label, share in model["alarm"][key].items()}
-        for name, model in document["models"].items()
-        for key, words in sources.items()
-        if key in (model["alarm"] or ())
-    ]
-
-
-def format_adaptation_table(document: Document) -> list[dict[str, str]]:
-    """Format scores by number of own recordings; empty without any."""
-    return [
-        {
-            "model": name,
-            "own recordings of a class": str(point["n"]),
-            "balanced accuracy": format_interval({**point, "value": point["balanced_accuracy"]}),
-            "same targets before": format_number(point["before"]),
-            "targets": f"{point['movers']:.0f}",
-            "ECE": format_number(point["expected_calibration_error"]),
-        }
-        for name, model in document["models"].items()
-        for point in model.get("adaptation", [])
-    ]
-
-
-def format_unknown_table(document: Document) -> list[dict[str, str]]:
-    """Format the abstention from unknown kinds; empty without any."""
-    return [
-        {
-            "model": name,
-            "kind": label,
-            "rows": str(found["n"]),
-            "AUC of the distance": format_number(found["auc"]),
-            "AUC of doubt": format_number(found["auc_of_probability"]),
-        }
-        | {f"called {other}": format_number(share) for other, share in found["decided"].items()}
-        for name, model in document["models"].items()
-        for label, found in model.get("unknown", {}).items()
-    ]
 
 
 def format_number(value: float | None, digits: int = 3) -> str:

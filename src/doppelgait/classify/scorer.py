@@ -41,12 +41,12 @@ class Scorer:
         if part and part not in document:
             raise ValueError(f"{path}: has no model {part!r}")
         if part:
-            document, arrays = document[part], dict(_part(arrays, f"{part}."))
+            document, arrays = document[part], select_part(arrays, f"{part}.")
         self.facts = document["facts"]
         self.classes, self.features = self.facts["classes"], self.facts["names"]
         self._arrays, self._joined = arrays, document["learned"] == "ensemble"
         forms = enumerate(document["members"]) if self._joined else ()
-        joined = [(form, _part(arrays, f"member.{number}.")) for number, form in forms]
+        joined = [(form, select_part(arrays, f"member.{number}.")) for number, form in forms]
         self._members = joined or [(document, arrays)]
         self.patch = next((form["patch"] for form, _ in self._members if form["patch"]), None)
 
@@ -58,11 +58,7 @@ class Scorer:
         """
         table = None if features is None else np.asarray(features, dtype=np.float64)
         answers = [self._member(form, own, table, whole) for form, own in self._members]
-        if not self._joined:
-            return self._calibrate(answers[0])
-        joined = zip(*(self._arrays[name] for name in ("weights", "slopes", "shifts")), answers, strict=True)
-        found = log_softmax(sum(w * log_softmax(slope * each + shift) for w, slope, shift, each in joined))
-        return self._calibrate(found)
+        return self._calibrate(join(self._arrays, answers) if self._joined else answers[0])
 
     def _calibrate(self, log_probability: Array) -> Array:
         slope, shift = self._arrays["calibration.slope"][0], self._arrays["calibration.shift"]
@@ -103,7 +99,8 @@ class Scorer:
         return {"linear": linear, "trees": trees}[kind](own, features)
 
 
-def _part(arrays: Arrays, start: str) -> Arrays:
+def select_part(arrays: Arrays, start: str) -> dict[str, Array]:
+    """Select the arrays whose names begin so."""
     return {name[len(start) :]: values for name, values in arrays.items() if name.startswith(start)}
 
 
@@ -113,6 +110,12 @@ def log_softmax(scores: Array) -> Array:
         scores = np.hstack([np.zeros_like(scores), scores])
     shifted = scores - scores.max(axis=1, keepdims=True)
     return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))
+
+
+def join(own: Arrays, answers: Sequence[Array]) -> Array:
+    """Join the log-probabilities of an ensemble's members."""
+    joined = zip(own["weights"], own["slopes"], own["shifts"], answers, strict=True)
+    return log_softmax(sum(weight * log_softmax(slope * each + shift) for weight, slope, shift, each in joined))
 
 
 def take_logarithms(values: Array, floor: Array) -> Array:

@@ -23,13 +23,13 @@ from doppelgait.classify.data import SHARED, Rows, all_rows, collect_inputs, num
 from doppelgait.classify.decide import Decision, TargetInputs, choose_model, decide, read_training_analysis
 from doppelgait.classify.learned import EMPTY, Inputs, TrackNetwork
 from doppelgait.classify.model import Model, blocked_rows
+from doppelgait.classify.options import WindowOptions, takes_options
 from doppelgait.classify.scorer import Memory
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import FloatArray
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.windows import Links, Path, Window, analyze_window, cut_windows
-from doppelgait.pipeline import Result, Tracking
-from doppelgait.processing import Analysis
+from doppelgait.pipeline import Result
 from doppelgait.radar import Recording, read_recording
 
 CHANGE_PER_S = 0.02
@@ -82,7 +82,7 @@ class TrackDecision:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the decision as plain values for JSON."""
-        return {**vars(self), "probabilities": dict(self.probabilities), "window": self.window.as_dict()}
+        return {**vars(self), "window": self.window.as_dict()}
 
 
 class Span(NamedTuple):
@@ -189,7 +189,7 @@ class Tracks:
                     window=alone,
                 )
             )
-        self._beliefs = {number: self._beliefs[number] for number in self._beliefs.keys() & self.links.kept}
+        self._beliefs = {number: self._beliefs[number] for number in self._beliefs.keys() & self.links.paths.keys()}
         return decisions
 
     def follow(
@@ -253,15 +253,9 @@ def fuse_rows(rows: Rows, probability: FloatArray, n_calibration: int) -> FloatA
     return fused
 
 
+@takes_options(WindowOptions)
 def classify_over_time(
-    recording: Recording | str | FilePath,
-    model: Model | None = None,
-    *,
-    window_s: float | None = None,
-    hop_s: float | None = None,
-    gate: Any = "track",
-    analysis: Analysis | None = None,
-    tracking: Tracking | None = None,
+    recording: Recording | str | FilePath, model: Model | None = None, **options: Any
 ) -> list[TrackDecision]:
     """Classify a recording's targets in windows, fused per track.
 
@@ -271,12 +265,7 @@ def classify_over_time(
         A path is read as by :func:`doppelgait.radar.read_recording`.
     model : Model, optional
         By default the one that comes with doppelgait and fits the radar.
-    window_s : float, optional
-        Length of a window; by default that of the model, or 1.5 times its shortest observation.
-    hop_s : float, optional
-        From the start of a window to that of the next; a fifth of the window by default.
-    gate, analysis, tracking
-        As for :func:`doppelgait.classify.classify`.
+    **options
 
     Returns
     -------
@@ -304,15 +293,13 @@ def classify_over_time(
     """
     if isinstance(recording, str | FilePath):
         recording = read_recording(recording)
-    model = model or choose_model(recording)
-    window_s, hop_s = check_window(window_s, hop_s, model)
-    model = model.of_tracks if gate == "track" else replace(model, track=None)  # only tracks have pictures
-    settings, tracks = analysis or read_training_analysis(model), Tracks(model)
-    return [
-        decision
-        for window in cut_windows(recording, window_s, hop_s)
-        for decision in tracks.add(window, analyze_window(window, settings, tracking, gate))
-    ]
+    chosen, model = WindowOptions(**options), model or choose_model(recording)
+    window_s, hop_s = check_window(chosen.window_s, chosen.hop_s, model)
+    # only tracks have pictures
+    model = model.of_tracks if chosen.gate == "track" else replace(model, track=None)
+    how, tracks = (chosen.analysis or read_training_analysis(model), chosen.tracking, chosen.gate), Tracks(model)
+    windows = cut_windows(recording, window_s, hop_s)
+    return [decision for one in windows for decision in tracks.add(one, analyze_window(one, *how))]
 
 
 # Summaries -----------------------------------------------------------------------------------------------------------

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from doppelgait.classify.learned import (
     Ensemble,
     FloatArray,
     Inputs,
-    IntArray,
     LabelledRows,
     Learned,
     Linear,
@@ -60,13 +59,8 @@ _OTHER_TREES = (
 )
 
 
-class Trainer(Protocol):
-    """A plug-in of the group ``classifier``: a function that trains."""
-
-    def __call__(self, train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
-        """Train on ``train``."""
-        # the rows in ``held``, of other targets, only decide when to stop
-
+Trainer = Callable[..., Learned]
+"""A plug-in: ``(train, held, *, n_classes, seed)``; held rows only decide when to stop."""
 
 CLASSIFIERS: Group[Trainer] = Group(
     "classifier", built_in=("doppelgait.classify.training", "doppelgait.classify.network")
@@ -135,17 +129,17 @@ def train_logistic(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
     """Fit a logistic regression on standardised features."""
     from sklearn.linear_model import LogisticRegression
 
-    median, told, mean, scale, floor, columns = standardise_columns(train.values)
+    standard, columns = standardise_columns(train.values)
     model = LogisticRegression(max_iter=2000)
     model.fit(columns, train.labels, sample_weight=row_weights(train.labels, n_classes))
     weight, bias = model.coef_, model.intercept_
     if n_classes == 2:
         weight, bias = np.vstack([np.zeros_like(weight), weight]), np.array([0.0, bias[0]])
-    return Linear(median, told, mean, scale, weight, bias, floor)
+    return Linear(**standard, weight=weight, bias=bias)
 
 
-def standardise_columns(values: Inputs) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Standardise the columns of features."""
+def standardise_columns(values: Inputs) -> tuple[dict[str, Any], FloatArray]:
+    """Standardise features; return the arrays of :class:`Columns` with floors, and the columns."""
     from sklearn.impute import SimpleImputer
     from sklearn.preprocessing import StandardScaler
 
@@ -154,7 +148,8 @@ def standardise_columns(values: Inputs) -> tuple[FloatArray, IntArray, FloatArra
     imputer, scaler = SimpleImputer(strategy="median", add_indicator=True, keep_empty_features=True), StandardScaler()
     columns = scaler.fit_transform(imputer.fit_transform(take_logarithms(values, floor)))
     told = np.asarray(imputer.indicator_.features_, dtype=np.int64)
-    return imputer.statistics_, told, scaler.mean_, scaler.scale_, floor, columns
+    of_columns = {"median": imputer.statistics_, "told": told, "mean": scaler.mean_, "scale": scaler.scale_}
+    return of_columns | {"floor": floor}, columns
 
 
 @plugin("classifier", "six-boosting", features="six", learner="boosting")
@@ -203,19 +198,15 @@ def train_boosting(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
     return found
 
 
-def learn_novelty(
-    standard: tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray],
-    train: LabelledRows,
-    held: LabelledRows,
-) -> Novelty:
+def learn_novelty(train: LabelledRows, held: LabelledRows) -> Novelty:
     """Fit the distribution of training rows about their class means."""
-    median, told, mean, scale, floor, columns = standard
+    standard, columns = standardise_columns(train.values)
     classes, labels = np.unique(train.labels, return_inverse=True)
     centre = np.array([columns[labels == number].mean(axis=0) for number in range(classes.size)])
     about = columns - centre[labels]
     covariance = (1.0 - SHRINKAGE) * about.T @ about / len(about) + SHRINKAGE * np.eye(columns.shape[1])
     whitening = np.linalg.cholesky(np.linalg.inv(covariance))
-    bare = Novelty(median, told, mean, scale, floor, centre, whitening, np.zeros(0))
+    bare = Novelty(**standard, centre=centre, whitening=whitening, held=np.zeros(0))
     far = np.sort(bare.distance(held.values)) if held.labels.size else np.zeros(0)
     if far.size > LEVELS:
         far = np.quantile(far, (np.arange(LEVELS) + 0.5) / LEVELS)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from doppelgait.classify.options import WindowOptions, name_flag, takes_options
 from doppelgait.cli.output import (
     AsJson,
     DpiOption,
@@ -27,7 +29,6 @@ from doppelgait.core.errors import ConfigError
 if TYPE_CHECKING:
     from doppelgait.pipeline import Result, Tracking
     from doppelgait.processing import Analysis
-    from doppelgait.processing.gate import GateChoice
     from doppelgait.radar import Recording
 
 OPTION_HELP = "Value that the file does not store, KEY=VALUE, for example carrier_hz=7.29e9; repeatable."
@@ -37,14 +38,19 @@ Changes = Annotated[
     typer.Option("--set", help="Change a parameter, for example cpi_s=0.15 or tracking.detector.pfa=1e-4; repeatable."),
 ]
 ReaderOptions = Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)]
-GateOption = Annotated[str, typer.Option("--gate", help="Range gate of the targets: track, truth, or FROM:TO in m.")]
-WindowS = Annotated[
-    float | None,
-    typer.Option("--window-s", help="Analyse windows of this length, s; tracks are linked across windows."),
-]
-HopS = Annotated[
-    float | None, typer.Option("--hop-s", help="Step between window starts, s; by default a fifth of the window.")
-]
+
+
+def make_option(name: str, kind: Any, text: str) -> Any:
+    """Return the command-line form of an option."""
+    if kind is Any:  # a dataset is named by its folder
+        kind = {"gate": str, "day": str | None}.get(name, Path | None)
+    return Annotated[kind, typer.Option(*name_flag(name).split(), help=text)]
+
+
+def takes_windows(*but: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options of gates and windows, without some."""
+    return takes_options(WindowOptions, make_option, but=("analysis", "tracking", *but))
+
 
 SHOWN_QUALITY = {
     "track_range_m": "m",
@@ -81,10 +87,10 @@ def open_recording(path: Path, options: Sequence[str] | None) -> Recording:
     return recording
 
 
+@takes_windows()
 def analyze(
     recording: Annotated[Path, typer.Argument(help="Recording: our .h5, XeThru, or any format of 'radar formats'.")],
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Result file to write, .h5.")] = None,
-    gate: GateOption = "track",
     method: Annotated[
         str, typer.Option("--method", help="Analysis method: standard, or liland2018 for the method of the report.")
     ] = "standard",
@@ -94,9 +100,8 @@ def analyze(
     figure_format: FigureOption = FigureFormat.png,
     style: StyleOption = "screen",
     dpi: DpiOption = None,
-    window_s: WindowS = None,
-    hop_s: HopS = None,
     as_json: AsJson = False,
+    **windows: Any,
 ) -> None:
     """Analyse a recording: signature, cadence-velocity diagram, features.
 
@@ -115,14 +120,15 @@ def analyze(
         check_output(output, ".h5")
     settings, tracking = parse_analysis({"method": method}, changes)
     loaded = open_recording(recording, options)
-    choice = Gate.parse(gate, where="--gate")
-    if window_s is not None or hop_s is not None:
+    choice, chosen = Gate.parse(windows["gate"], where="--gate"), WindowOptions(**windows)
+    if chosen.window_s is not None or chosen.hop_s is not None:
         refused = [name for name, value in (("-o", output), ("--figures", figures)) if value is not None]
         if refused:
             raise ConfigError(
                 f"{', '.join(refused)}: not allowed with --window-s or --hop-s; use --json to get all values"
             )
-        _analyze_windows(loaded, window_s, hop_s, choice, settings, tracking, as_json=as_json)
+        chosen = replace(chosen, gate=choice, analysis=settings, tracking=tracking)
+        _analyze_windows(loaded, chosen, as_json=as_json)
         return
     results = run_analysis(loaded, gate=choice, analysis=settings, tracking=tracking)
     if output is not None:
@@ -141,25 +147,16 @@ def analyze(
         print_features(results)
 
 
-def _analyze_windows(
-    recording: Recording,
-    window_s: float | None,
-    hop_s: float | None,
-    gate: GateChoice,
-    analysis: Analysis,
-    tracking: Tracking,
-    *,
-    as_json: bool,
-) -> None:
+def _analyze_windows(recording: Recording, chosen: WindowOptions, *, as_json: bool) -> None:
     """Print every window's features, one row per target."""
     from doppelgait.classify.timeline import check_window
     from doppelgait.core.config import convert_to_json
     from doppelgait.dataset.windows import Links, analyze_window, cut_windows
 
-    window_s, hop_s = check_window(window_s, hop_s)
+    window_s, hop_s = check_window(chosen.window_s, chosen.hop_s)
     links, rows, documents = Links(), [], []
     for window in cut_windows(recording, window_s, hop_s):
-        results = analyze_window(window, analysis, tracking, gate)
+        results = analyze_window(window, chosen.analysis, chosen.tracking, chosen.gate)
         times = {"start_s": window.start_s, "stop_s": window.stop_s}
         for track, result in zip(links.add(window, results), results, strict=True):
             documents.append(convert_to_json({**times, "track": track, **result.to_json(arrays=False)}))

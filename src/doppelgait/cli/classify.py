@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.classify.options import FLAGS, takes_options
-from doppelgait.cli.analyze import GateOption, HopS, ReaderOptions, WindowS, open_recording, parse_analysis
+from doppelgait.classify.options import Options, name_flag, takes_options
+from doppelgait.cli.analyze import ReaderOptions, make_option, open_recording, parse_analysis, takes_windows
 from doppelgait.cli.dataset import LABEL_HELP, NAMES_HELP
 from doppelgait.cli.output import (
     AsJson,
@@ -29,27 +29,26 @@ if TYPE_CHECKING:
     from doppelgait.classify.model import Model
     from doppelgait.classify.timeline import TrackDecision
 
-
+ALARM = {None: "-", True: "yes", False: "no"}
 MODEL_HELP = "Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait"
 ModelOption = Annotated[
     str | None, typer.Option("--model", help=f"{MODEL_HELP}; by default the one that fits the radar.")
 ]
 
 
+@takes_windows()
 def classify(
     recording: Annotated[
         Path, typer.Argument(help="Recording in any format of 'radar formats', or result file of 'analyze -o'.")
     ],
     model: ModelOption = None,
-    gate: GateOption = "track",
     changes: Annotated[
         list[str] | None,
         typer.Option("--set", help="Change a parameter of the model's analysis, or tracking...; repeatable."),
     ] = None,
     options: ReaderOptions = None,
-    window_s: WindowS = None,
-    hop_s: HopS = None,
     as_json: AsJson = False,
+    **windows: Any,
 ) -> None:
     """Classify a recording's targets with calibrated probabilities.
 
@@ -67,11 +66,8 @@ def classify(
 
     loaded = None if model is None else open_model(model)
     if is_result_file(recording):
-        flags = (("--set", changes), ("--option", options), ("--window-s", window_s), ("--hop-s", hop_s))
-        refused = [name for name, value in flags if value]
-        if gate != "track":
-            refused.append("--gate")
-        if refused:
+        stated = {"set": changes, "option": options, **windows, "gate": windows["gate"] != "track"}
+        if refused := [name_flag(name) for name, value in stated.items() if value]:
             raise ConfigError(
                 f"{', '.join(refused)}: the file holds results, which cannot be changed; name the recording"
             )
@@ -83,19 +79,17 @@ def classify(
 
         # resolve the path: a reader uses the name, and "." has none
         read = open_recording(recording.resolve() if recording.is_dir() else recording, options)
-        loaded, choice = loaded or choose_model(read), Gate.parse(gate, where="--gate")
-        if choice == "track" and (window_s is not None or hop_s is not None):
-            loaded = loaded.of_tracks
+        loaded, choice = loaded or choose_model(read), Gate.parse(windows.pop("gate"), where="--gate")
+        in_windows = any(value is not None for value in windows.values())
+        loaded = loaded.of_tracks if in_windows and choice == "track" else loaded
         settings, tracking = parse_analysis(loaded.facts.analysis, changes)
-        if window_s is not None or hop_s is not None:
+        if in_windows:
             from doppelgait.classify.timeline import check_window, classify_over_time
 
-            window_s, hop_s = check_window(window_s, hop_s, loaded)
-            over_time = classify_over_time(
-                read, loaded, window_s=window_s, hop_s=hop_s, gate=choice, analysis=settings, tracking=tracking
-            )
-            head: dict[str, Any] = {"file": str(recording), "model": describe_model(loaded, model)}
-            head |= {"window_s": window_s, "hop_s": hop_s}
+            windows["window_s"], windows["hop_s"] = check_window(**windows, model=loaded)
+            used = {"gate": choice, "analysis": settings, "tracking": tracking}
+            over_time = classify_over_time(read, loaded, **windows, **used)
+            head = {"file": str(recording), "model": describe_model(loaded, model), **windows}
             _print_over_time(over_time, head, as_json=as_json)
             if over_time and not as_json:
                 explain_model(loaded, model)
@@ -183,13 +177,8 @@ def _format_cell(name: str, value: Any) -> Any:
     return format_number(value, 3 if name == "probability" else 2) if isinstance(value, float) else value
 
 
-ALARM = {None: "-", True: "yes", False: "no"}
-
-
 def explain_model(model: Model, name: str | None) -> None:
     """Print notes on the alarm and on the training data."""
-    from doppelgait.classify.model import describe_alarm_data
-
     facts = model.facts
     if name is None:
         print_message(f"model: {facts.dataset_name}, which comes with doppelgait and fits this radar")
@@ -197,21 +186,17 @@ def explain_model(model: Model, name: str | None) -> None:
         print_message("note: alarm: this model has no alarm threshold")
     else:
         print_message(
-            f"note: alarm: yes if the probability of {facts.alarm} is {facts.alarm_threshold:.2g} or more "
-            f"(95 % of class {facts.alarm} reach this), also without a decision; -: not known for this radar"
+            f"note: alarm: yes if the probability of {facts.alarm} is {facts.alarm_threshold:.2g} or more, "
+            "also without a decision; -: not known for this radar"
         )
     if not model.calibration.n_rows:
         print_message(f"note: {name or facts.dataset_name}: its probabilities are not calibrated")
-    if describe_alarm_data(facts):
-        print_message(f"note: {describe_alarm_data(facts)}")
+    if facts.alarm_threshold is not None and facts.alarm_people is not None:
+        people = f"{facts.alarm_people} held-out targets of class {facts.alarm}"
+        print_message(f"note: the alarm threshold is based on {people}")
 
 
-def _make_option(name: str, kind: Any, text: str) -> Any:
-    kind = Path | None if kind is Any else kind  # a dataset is named by its folder
-    return Annotated[kind, typer.Option(FLAGS.get(name, f"--{name.replace('_', '-')}"), help=text)]
-
-
-@takes_options(_make_option)
+@takes_options(Options, make_option)
 def evaluate(
     dataset: Annotated[Path, typer.Argument(help="Folder of the dataset to train on.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the report.")],
@@ -241,7 +226,6 @@ def evaluate(
     Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz; or doppelgait
     evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
-    from doppelgait.classify.alarm import load_day
     from doppelgait.classify.evaluation import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
     from doppelgait.classify.report import check_folder, list_sections, write_report
@@ -251,11 +235,11 @@ def evaluate(
         _check_save(save, output)
     check_folder(output)
     if names is not None or classes or of_reader:
-        if clash := [FLAGS[key] for key in ("n_folds", "left_out", "own") if options[key] is not None]:
+        if clash := [name_flag(key) for key in ("n_folds", "left_out", "own") if options[key] is not None]:
             raise ConfigError(f"--names and {clash[0]}: use one of them; --names already reads the folder of --test")
         options["other"] = _import_test(dataset, options["other"], names, classes or [], of_reader or [], output)
     with report_progress("training", quiet=as_json) as on_progress:
-        day = load_day()[0] if alarm else None
+        day = "home-alarm-day" if alarm else None
         found = run_evaluation(dataset, keep=save is not None, day=day, on_progress=on_progress, **options)
         page = write_report(found, output, figure_format=figure_format)[-1]
         if save is not None and found.best is not None:
@@ -263,7 +247,7 @@ def evaluate(
     if as_json:
         print_json(found.document)
         return
-    print_tables([rows for _, rows in list_sections(found.document)])
+    print_tables([*list_sections(found.document).values()])
     for note in found.document["notes"]:
         print_message(f"note: {note}")
     print_message(f"report: {page}")

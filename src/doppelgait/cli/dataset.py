@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
+from doppelgait.cli.analyze import ReaderOptions, takes_windows
 from doppelgait.cli.output import (
     AsJson,
     FigureFormat,
@@ -100,25 +100,24 @@ def plan_command(
     summary = summarise(planned, compute_dataset_id(planned.config, folder), n_checked=checked, pilot=pilot)
     if specs is not None:
         write_specs(planned, specs)
-        print_message(f"{specs}: {summary.n_examples} resolved examples")
+        print_message(f"{specs}: {summary['n_examples']} resolved examples")
     if as_json:
-        print_json({**asdict(summary), "feasibility": asdict(feasibility)})
+        print_json({**summary, "feasibility": asdict(feasibility)})
         return
-    files = [summary.files] if summary.files else []
-    print_tables([summary.counts, summary.subjects, *files, *feasibility.tables()])
+    files = [summary["files"]] if summary["files"] else []
+    print_tables([summary["counts"], summary["subjects"], *files, *feasibility.tables()])
     print_text()
     if reached := format_limit_keys(name for name, count in feasibility.affected.items() if count):
         print_text("keys to change: " + reached.replace("; ", "\n                "))
     if not feasibility.judges_gate:
         print_text('gate cut off: counted by the build, since the gates are those of tracks (dataset.gate = "track")')
-    if feasibility.n_examples < summary.n_examples:
-        print_text(f"radar limits: computed from {feasibility.n_examples} of {summary.n_examples} examples")
+    if feasibility.n_examples < summary["n_examples"]:
+        print_text(f"radar limits: computed from {feasibility.n_examples} of {summary['n_examples']} examples")
     print_text(
-        f"{summary.name}: {summary.n_examples} examples in {summary.n_shards} shards, id {summary.dataset_id}; "
-        f"{summary.n_checked} were sampled in full, their values are allowed and do not predict the class"
+        "{name}: {n_examples} examples in {n_shards} shards, id {dataset_id}; {n_checked} were sampled in full, "
+        "their values are allowed and do not predict the class".format(**summary)
     )
-    if summary.estimate:
-        e = summary.estimate
+    if e := summary["estimate"]:
         if e["pilot_failures"] < e["pilot_examples"]:
             print_text(
                 f"about {e['total_bytes'] / 1e9:.2g} GB and {format_duration(e['total_seconds'])} on {e['processors']} "
@@ -238,7 +237,7 @@ def status(
     from doppelgait.dataset.build import read_dataset_status
 
     found = read_dataset_status(directory, quick=quick)
-    bad = [shard.name for shard in found.shards if shard.state == "damaged"]
+    bad = [name for name, state in found.shards.items() if state == "damaged"]
     if as_json:
         print_json(
             {
@@ -383,6 +382,7 @@ NAMES_HELP = (
 LABEL_HELP = "LABEL=CLASS: rename a label, or leave its recordings out with LABEL=; '*' matches any label; repeatable."
 
 
+@takes_windows("gate")
 def import_recordings(
     folder: Annotated[Path, typer.Argument(help="Folder of recordings.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the dataset.")],
@@ -392,8 +392,6 @@ def import_recordings(
     names: Annotated[str | None, typer.Option("--names", help=NAMES_HELP)] = None,
     classes: Annotated[list[str] | None, typer.Option("--label", help=LABEL_HELP)] = None,
     gate: Annotated[str, typer.Option("--gate", help="Gate of lines without one: track, or FROM:TO in m.")] = "track",
-    window_s: WindowS = None,
-    hop_s: HopS = None,
     split: Annotated[
         str | None,
         typer.Option(
@@ -409,6 +407,7 @@ def import_recordings(
     ] = None,
     options: ReaderOptions = None,
     as_json: AsJson = False,
+    **windows: Any,
 ) -> None:
     """Make a dataset of your own radar recordings.
 
@@ -419,7 +418,7 @@ def import_recordings(
     from doppelgait.dataset.importing import ImportConfig, import_dataset
     from doppelgait.dataset.labels import label_entries
 
-    named = {"gate": gate, "window_s": window_s, "hop_s": hop_s, "split": split}
+    named = {"gate": gate, **windows, "split": split}
     table = apply_overrides({key: value for key, value in named.items() if value is not None}, changes or [])
     config = validate(ImportConfig, table, where="import")
     reader = apply_overrides({}, options or [])

@@ -28,7 +28,7 @@ def keys(
     Example: doppelgait keys radar.prf_hz
     """
     from doppelgait.cli.topics import TOPICS, models_of
-    from doppelgait.core.keys import Key, summary_of
+    from doppelgait.core.keys import Key
     from doppelgait.core.keys import list_keys as list_all
 
     if topic is None:
@@ -61,7 +61,7 @@ def keys(
     for number, (name, model) in enumerate(found):
         if number:
             print()
-        print(f"{name}: {_words(summary_of(model))}")
+        print(f"{name}: " + _words((model.__doc__ or "").split("\n\n")[0]))
         for key in list_keys(model):
             default = DEFAULTS.get(key.default, f"default {_words(key.default)}")
             facts = [_words(key.type), key.unit, _words(key.limits), default]

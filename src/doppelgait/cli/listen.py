@@ -6,11 +6,11 @@ import math
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.analyze import GateOption, ReaderOptions, open_recording, parse_analysis
+from doppelgait.cli.analyze import ReaderOptions, open_recording, parse_analysis, takes_windows
 from doppelgait.cli.output import AsJson, check_output, print_json, print_message
 from doppelgait.core.errors import AnalysisError
 
@@ -32,10 +32,10 @@ class StereoChannels(StrEnum):
     sides = "sides"
 
 
+@takes_windows("window_s", "hop_s")
 def listen(
     recording: Annotated[Path, typer.Argument(help="Recording: our .h5, XeThru, or any format of 'radar formats'.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Sound to write, .wav.")],
-    gate: GateOption = "track",
     target: Annotated[int, typer.Option("--target", min=0, help="Number of the target, from 0.")] = 0,
     pitch: Annotated[
         float | None,
@@ -56,6 +56,7 @@ def listen(
     ] = None,
     options: ReaderOptions = None,
     as_json: AsJson = False,
+    **windows: Any,
 ) -> None:
     """Make the Doppler signal of one target audible.
 
@@ -79,7 +80,7 @@ def listen(
             f"note: at {prf_hz:g} frames per second and pitch {factor:g} the highest frequency is "
             f"{highest_hz:.0f} Hz, too low for most ears and speakers; try --pitch {math.ceil(4.0 * DEEP_HZ / prf_hz)}"
         )
-    found = _list_gates(loaded, gate, settings, tracking)
+    found = _list_gates(loaded, windows["gate"], settings, tracking)
     if not found:
         raise AnalysisError(f"{recording}: no target found; set a range, for example --gate 1.2:2.8")
     if target >= len(found):

@@ -15,9 +15,9 @@ from urllib.parse import urlsplit
 
 import typer
 
-from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
+from doppelgait.cli.analyze import ReaderOptions, takes_windows
 from doppelgait.cli.classify import ModelOption, describe_model, explain_model
-from doppelgait.cli.output import print_message
+from doppelgait.cli.output import print_message, print_warning
 from doppelgait.core.errors import ConfigError, DoppelgaitError, OutputError
 from doppelgait.core.interrupt import stop_in_order
 
@@ -134,14 +134,13 @@ class DecisionLog:
             raise
 
 
+@takes_windows("gate")
 def live(
     source: Annotated[
         str,
         typer.Argument(help="A file, which may still grow; - for standard input; tcp://HOST:PORT or udp://HOST:PORT."),
     ],
     model: ModelOption = None,
-    window_s: WindowS = None,
-    hop_s: HopS = None,
     log: Annotated[
         Path | None, typer.Option("--log", help="File to append the lines to; each line is synced to the disk.")
     ] = None,
@@ -166,6 +165,7 @@ def live(
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="With --view: print the address without opening the browser.")
     ] = False,
+    **windows: Any,
 ) -> None:
     """Classify targets while the frames of a radar arrive.
 
@@ -186,6 +186,7 @@ def live(
     unused = [option for option, is_set in asked.items() if is_set and not view]
     if unused:
         raise ConfigError(f"{unused[0]}: has no effect without --view; add --view to see the page, or leave it out")
+    window_s, hop_s = (windows[name] for name in ("window_s", "hop_s"))
     wrong_s = [one for one in (window_s, hop_s) if one is not None and not 0.05 <= one <= 600.0]
     if wrong_s or (hop_s or 0.0) > (window_s or 600.0):
         raise ConfigError(f"--window-s {window_s}, --hop-s {hop_s}: 0.05 to 600 s is allowed, a hop up to the window")
@@ -220,9 +221,7 @@ def live(
                     url = ends.enter_context(serve_live(page, port or 0))
                     print_message(f"page: {url}")
                     ends.enter_context(nullcontext() if no_browser else open_in_browser(url))
-                running = run_live(
-                    stream, radar, loaded, window_s=window_s, hop_s=hop_s, range_m=stream.range_m, skip=is_sensor
-                )
+                running = run_live(stream, radar, loaded, range_m=stream.range_m, skip=is_sensor, **windows)
                 facts = {"source": stream.source, "radar": radar.name, "carrier_hz": radar.carrier_hz}
                 facts |= {"prf_hz": radar.prf_hz, "model": describe_model(loaded, model)}
                 put("start", {**facts, "window_s": running.window_s, "hop_s": running.hop_s})
@@ -236,6 +235,7 @@ def live(
                 print_message(f"error: run {run}: {error}; the next sensor is waited for")
             if not is_service:
                 break
+            print_warning.cache_clear()
             stream, run = stream.next_run(), run + 1
         if page is not None:
             print_message("the page remains available until Ctrl-C")
@@ -250,11 +250,11 @@ def _follow(
     """Print the decisions of one run, with tracks from a number on."""
 
     def count_losses() -> list[int]:
-        facts = [*running.counts.as_dict().items(), *asdict(stream.counts).items()]
+        facts = [*asdict(running.counts).items(), *asdict(stream.counts).items()]
         return [n for name, n in facts if name not in ("frames", "windows", "received")]
 
     def state() -> dict[str, Any]:
-        return {**running.counts.as_dict(), "stream": asdict(stream.counts)}
+        return {**asdict(running.counts), "stream": asdict(stream.counts)}
 
     said_s, lost, reason = float("-inf"), count_losses(), "stopped"
     began_s, clock_s = None, process_time()

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from doppelgait.classify.options import AlarmOptions, BenchmarkOptions, takes_options
+from doppelgait.cli.analyze import make_option
 from doppelgait.cli.classify import MODEL_HELP
 from doppelgait.cli.output import AsJson, print_json, print_message, print_table, print_tables, report_progress
 from doppelgait.core.errors import ConfigError
@@ -55,19 +58,11 @@ def export(
 
 
 @app.command("alarm")
+@takes_options(AlarmOptions, make_option)
 def alarm(
     model: ModelArgument,
-    day: Annotated[
-        str | None, typer.Option("--day", help="Plan of episodes, built-in name or file; by default home-alarm-day.")
-    ] = None,
-    repeats: Annotated[
-        int | None,
-        typer.Option("--repeats", min=1, help="Recordings of each kind of episode; by default those of the plan."),
-    ] = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Folder that keeps the windows of the day, to go on with.")
-    ] = None,
     as_json: AsJson = False,
+    **options: Any,
 ) -> None:
     """Score a model as an alarm over simulated days.
 
@@ -75,47 +70,27 @@ def alarm(
 
     Example: doppelgait model alarm x4 --repeats 50
     """
-    from doppelgait.classify.alarm import format_day, format_episodes, load_day, run_day, score_day
+    from doppelgait.classify.alarm import format_day, format_episodes, score_alarm
     from doppelgait.classify.model_file import open_model
 
-    chosen, folder = load_day(day, repeats)
-    loaded = open_model(model)
     with report_progress("days", quiet=as_json) as on_progress:
-        episodes = run_day(chosen, loaded, folder=folder, directory=output, on_progress=on_progress)
-        found = score_day(chosen, episodes, loaded)
+        found = score_alarm(open_model(model), on_progress=on_progress, **options)
     print_json(found) if as_json else print_tables([format_day(found), format_episodes(found)])
 
 
+@takes_options(BenchmarkOptions, make_option)
 def benchmark(
     folder: Annotated[Path, typer.Argument(help="Folder of the parts; what is missing is built.")],
-    classifier: Annotated[
-        list[str] | None,
-        typer.Option("--classifier", help="Baseline, FILE.py:FUNCTION, or model by name or file; repeatable."),
-    ] = None,
-    recordings: Annotated[
-        Path | None, typer.Option("--recordings", help="Folder of motion files, for the part 'recorded'.")
-    ] = None,
     as_json: AsJson = False,
+    **options: Any,
 ) -> None:
     """Score classifiers on doppelgait-bench-1.
 
     Example: doppelgait benchmark bench --classifier x4 --classifier mine.py:answer
     """
-    from doppelgait.classify import benchmark as bench
+    from doppelgait.classify.benchmark import format_scores, score_classifiers
     from doppelgait.core.config import convert_to_json
 
-    answers = {name: bench.open_classifier(name) for name in classifier or bench.BASELINES}
-    built, identities = {}, []
-    used = [name for name, part in bench.PARTS.items() if recordings or not part.recorded]
-    for name in used if any(name in bench.BASELINES or ".py:" in name for name in answers) else used[1:]:
-        with report_progress(name, quiet=as_json) as on_progress:
-            one = built[name] = bench.build_part(name, folder / name, folder=recordings, on_progress=on_progress)
-        identities.append({"part": name, "identity": one.description["id"], "contents": bench.identify_contents(one)})
-    train = built.pop("train", next(iter(built.values())))
-    scores = {
-        name: {part: bench.score_part(dataset, answer(train, dataset)) for part, dataset in built.items()}
-        for name, answer in answers.items()
-    }
-    shown = [identities, [bench.format_scores(name, found) for name, found in scores.items()]]
-    document = {"benchmark": bench.NAME, "parts": identities, "scores": scores}
-    print_json(convert_to_json(document)) if as_json else print_tables(shown)
+    found = score_classifiers(folder, report=partial(report_progress, quiet=as_json), **options)
+    shown = [found["parts"], [format_scores(*each) for each in found["scores"].items()]]
+    print_json(convert_to_json(found)) if as_json else print_tables(shown)

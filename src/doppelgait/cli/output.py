@@ -44,6 +44,9 @@ def print_message(text: str) -> None:
     print(f"{escape_controls(text)}\n", end="", file=sys.stderr)
 
 
+print_warning = lru_cache(1000)(lambda text: print_message(f"warning: {text}"))  # each once
+
+
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
     """Print an aligned table on standard output."""
     if not rows:
@@ -90,11 +93,10 @@ def explain_reader_options() -> Iterator[None]:
 def show_warnings_plainly() -> None:
     """Print each warning of doppelgait once, on one line."""
     usual = warnings.showwarning
-    say = lru_cache(1000)(lambda text: print_message(f"warning: {text}"))  # a service has many
 
     def show(message: Any, category: Any, *rest: Any, **more: Any) -> None:
         if isinstance(category, type) and issubclass(category, DoppelgaitWarning):
-            say(str(message))
+            print_warning(str(message))
         else:
             usual(message, category, *rest, **more)
 

@@ -63,7 +63,7 @@ def parse_json(text: str | bytes) -> Any:
     if n_bytes > limit_bytes(len(text)):
         raise ValueError(describe_excess_memory(n_bytes, len(text), "it"))
     try:
-        value = json.loads(text, parse_int=_parse_integer, object_pairs_hook=_make_table)
+        value = json.loads(text, parse_int=lambda digits: int(digits[: MAX_DIGITS + 2]), object_pairs_hook=_make_table)
     except RecursionError:
         raise ValueError(_TOO_DEEP) from None
     _check_depth(value)
@@ -88,14 +88,8 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise
     except ValueError:  # int() refuses a number of very many digits
         raise ValueError(_TOO_LONG) from None
-    _check_depth(value, integers=True)
+    _check_depth(value)
     return value
-
-
-def _parse_integer(digits: str) -> int:
-    if len(digits.lstrip("-")) > MAX_DIGITS:
-        raise ValueError(_TOO_LONG)
-    return int(digits)
 
 
 def _make_table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -107,10 +101,10 @@ def _make_table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return table
 
 
-def _check_depth(value: Any, *, integers: bool = False) -> None:
+def _check_depth(value: Any) -> None:
     level = [value]
     for _ in range(MAX_DEPTH + 1):
-        if integers and any(type(item) is int and abs(item) >= 10**MAX_DIGITS for item in level):
+        if any(type(item) is int and abs(item) >= 10**MAX_DIGITS for item in level):
             raise ValueError(_TOO_LONG)
         inside = [item for item in level if type(item) in (dict, list)]
         if not inside:

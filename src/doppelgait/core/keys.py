@@ -48,11 +48,6 @@ def unit_of(key: str) -> str:
     return next((units[end] for n in range(len(parts)) if (end := "_".join(parts[n:])) in units), "")
 
 
-def summary_of(model: type[BaseModel]) -> str:
-    """Return the first paragraph of a model's docstring."""
-    return inspect.cleandoc(model.__doc__ or "").split("\n\n")[0]
-
-
 def _kind(kind: Any) -> str:
     origin, members = get_origin(kind), [member for member in get_args(kind) if member is not type(None)]
     if origin in (Union, types.UnionType):

@@ -8,7 +8,6 @@ Damaged types of values make the library write beyond its memory, which ends the
 
 from __future__ import annotations
 
-import mmap
 import os
 import re
 import struct
@@ -51,6 +50,7 @@ TEXT = re.compile(
 """Pattern of a text attribute, from its size to the length that it declares."""
 TEXT_AFTER = 32  # maximum number of bytes of a match after the mark
 READ_SIZE = 1 << 20  # bytes read at once
+IMAGE_BYTES = 1 << 26  # larger files are not read into memory when they are opened
 
 DAMAGE = (RuntimeError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError, MemoryError)
 FAULTS = (OSError, *DAMAGE)  # exceptions that h5py raises for damaged bytes
@@ -59,10 +59,19 @@ FAULTS = (OSError, *DAMAGE)  # exceptions that h5py raises for damaged bytes
 def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = False, **options: Any) -> Any:
     """Open an HDF5 file of unknown origin for reading."""
     place = Path(path)
-    facts = stat_regular(place)
-    if fault := _find_file_fault(place, (facts.st_ino, facts.st_size, facts.st_mtime_ns)):
+    stamp = read_stamp(place)
+    if fault := _find_file_fault(place, stamp):
         raise ValueError(fault)
-    file = h5py.File(place, "r", **options)
+    if stamp[1] > IMAGE_BYTES or options:
+        file = h5py.File(place, "r", **options)
+    else:  # of a file that is truncated meanwhile, the library reads zeros without end
+        access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+        access.set_fapl_core(backing_store=False)
+        access.set_file_image(place.read_bytes())
+        if read_stamp(place) != stamp:
+            raise ValueError("it was changed while it was read")
+        name = os.fsencode(place) + b"/"  # the library refuses the name of a file that exists
+        file = h5py.File(h5py.h5f.open(name, h5py.h5f.ACC_RDONLY, fapl=access))
     try:
         if not soft_links:
             _check_attributes(file, "the root")
@@ -74,11 +83,10 @@ def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = Fals
     return file
 
 
-def is_hdf5(path: str | Path) -> bool:
-    """Return True if a file has the signature of HDF5."""
-    stat_regular(path)
-    with Path(path).open("rb") as file:
-        return _find_signature(file.read(USER_BLOCKS[-1] + len(SIGNATURE))) is not None
+def read_stamp(path: Path) -> tuple[int, int, int]:
+    """Return what changes with a file's content."""
+    facts = stat_regular(path)
+    return facts.st_ino, facts.st_size, facts.st_mtime_ns
 
 
 def read_stated_format(path: str | Path) -> str | None:
@@ -252,7 +260,7 @@ def _find_file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
     """Return why HDF5 must not open a file, or ""."""
     with path.open("rb") as file:
         head = file.read(USER_BLOCKS[-1] + 64)
-        at = _find_signature(head)
+        at = find_signature(head)
         if at is None:
             return "it is not an HDF5 file"
         version = head[at + 8] if len(head) > at + 8 else 0
@@ -263,18 +271,17 @@ def _find_file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
         for _, following in _find(file, TEXT_MARK, TEXT_AFTER):
             if (found := TEXT.match(following)) and (length := int.from_bytes(found[1], "little")) > size:
                 return f"one of its attributes is a text of {length:,} bytes, but the file has {size:,}"
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            for start in _find_endless_heaps(content, (at for at, _ in _find(file, HEAP))):
-                return f"its heap at byte {start} has no end"
+        for start in _find_endless_heaps(file, [at for at, _ in _find(file, HEAP)]):
+            return f"its heap at byte {start} has no end"
     return ""
 
 
-def _find_signature(head: bytes) -> int | None:
+def find_signature(head: bytes) -> int | None:
+    """Return where an HDF5 file begins in its first bytes."""
     return next((at for at in USER_BLOCKS if head[at : at + len(SIGNATURE)] == SIGNATURE), None)
 
 
 def _find(file: BinaryIO, mark: bytes, after: int = 0) -> Iterator[tuple[int, bytes]]:
-    """Yield the positions of a mark and the bytes after it; a memory map would stay in memory."""
     window, kept, first = len(mark) + after, b"", 0
     file.seek(0)
     while True:
@@ -291,20 +298,24 @@ def _find(file: BinaryIO, mark: bytes, after: int = 0) -> Iterator[tuple[int, by
         first += n_starts
 
 
-def _find_endless_heaps(content: mmap.mmap, starts: Iterable[int]) -> Iterator[int]:
+def _find_endless_heaps(file: BinaryIO, starts: Iterable[int]) -> Iterator[int]:
     """Yield the start of every heap with an endless chain of objects; chains may join."""
-    size = len(content)
+    # no memory map: one of a file that is truncated meanwhile ends the process
+    size = file.seek(0, os.SEEK_END)
     faults: dict[int, int] = {}  # by the start of an object: the invalid object that ends its chain
     for start in starts:
-        if start + HEAP_BYTES <= size:  # otherwise it is truncated, which the library reports
-            end = min(start + struct.unpack_from("<Q", content, start + 8)[0], size)
+        file.seek(start)
+        if len(head := file.read(HEAP_BYTES)) == HEAP_BYTES:  # otherwise the library reports it
+            end = min(start + struct.unpack_from("<Q", head, 8)[0], size)
             at, chain, fault = start + HEAP_BYTES, [], size
             while at + OBJECT_BYTES <= size:
                 if at in faults:
                     fault = faults[at]
                     break
                 chain.append(at)
-                number, n_bytes = struct.unpack_from("<H6xQ", content, at)
+                file.seek(at)
+                entry = file.read(OBJECT_BYTES).ljust(OBJECT_BYTES, b"\0")
+                number, n_bytes = struct.unpack("<H6xQ", entry)
                 step = OBJECT_BYTES + -(-n_bytes // 8) * 8 if number else n_bytes  # object 0: free space with header
                 if step < OBJECT_BYTES or step >= 1 << 63:
                     fault = at

@@ -1,7 +1,4 @@
-"""Build a dataset from a plan, and report the state of its folder.
-
-Any executor can build the shards, in parts if requested. A stopped build can be resumed.
-"""
+"""Build a dataset from a plan, and report the state of its folder."""
 
 from __future__ import annotations
 
@@ -20,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from doppelgait import __version__
+from doppelgait.core.documents import stat_regular
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError, explain_memory
 from doppelgait.core.interrupt import stop_in_order
 from doppelgait.dataset.config import SPLITS, PlanConfig, Progress
@@ -217,8 +215,10 @@ def build_job(
 ) -> tuple[Counter[str], int, Totals | None]:
     """Build the own shards of a job, and finish its dataset if none of other parts is missing."""
     with build_lock(job.target, job.part):
-        tally = _build_missing(job, executor, workers, on_progress)
-        _remove_unfinished_files(job)
+        try:
+            tally = _build_missing(job, executor, workers, on_progress)
+        finally:
+            _remove_unfinished_files(job)
         own = {shard.name for shard in job.own}
         missing = sum(_read_complete_record(job, shard) is None for shard in job.shards if shard.name not in own)
         if missing:
@@ -244,26 +244,23 @@ def _build_missing(job: Job, executor: str, workers: int | None, on_progress: Pr
     (job.target / SUMS).unlink(missing_ok=True)
     write_description(job.target, job.header.describe(counts, complete=False))
     (job.target / "shards").mkdir(exist_ok=True)
-    _remove_unfinished_files(job)
+    _remove_unfinished_files(job)  # the disk may be full of them
     done, total = tally["reused"], sum(len(shard.examples) for shard in job.own)
     work = partial(_build_one, context=job.maker, release=RELEASE)
-    try:
-        with closing(run_shards(work, missing, executor=executor, workers=workers)) as results:
-            for shard, made in results:
-                size, failed = len(shard.examples), made["failed"]
-                if not (job.target / "shards" / f"{shard.name}.json").is_file():
-                    raise DatasetError(
-                        f"{job.target}: shard {shard.name} was built but is missing; every worker "
-                        "must have access to this folder"
-                    )
-                tally.update(made, built=size - failed)
-                seconds = round(time.monotonic() - began, 3)
-                log_entry(job.target, {"shard": shard.name, "examples": size, "failed": failed, "seconds": seconds})
-                done += size
-                if on_progress is not None:
-                    on_progress(done, total)
-    finally:
-        _remove_unfinished_files(job)
+    with closing(run_shards(work, missing, executor=executor, workers=workers)) as results:
+        for shard, made in results:
+            size, failed = len(shard.examples), made["failed"]
+            if not (job.target / "shards" / f"{shard.name}.json").is_file():
+                raise DatasetError(
+                    f"{job.target}: shard {shard.name} was built but is missing; every worker "
+                    "must have access to this folder"
+                )
+            tally.update(made, built=size - failed)
+            seconds = round(time.monotonic() - began, 3)
+            log_entry(job.target, {"shard": shard.name, "examples": size, "failed": failed, "seconds": seconds})
+            done += size
+            if on_progress is not None:
+                on_progress(done, total)
     return tally
 
 
@@ -305,18 +302,10 @@ def _remove_unfinished_files(job: Job) -> None:
 def log_entry(target: Path, entry: Mapping[str, Any]) -> None:
     """Append a line to the build log."""
     stamp = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "host": platform.node()}
+    (target / LOG).touch()
+    stat_regular(target / LOG)
     with (target / LOG).open("a") as handle:
         handle.write(json.dumps({**stamp, **entry}) + "\n")
-
-
-@dataclass(frozen=True)
-class ShardStatus:
-    """State of one shard."""
-
-    name: str
-    state: Literal["done", "missing", "damaged"]
-    n_examples: int = 0
-    n_failed: int = 0
 
 
 @dataclass(frozen=True)
@@ -328,24 +317,15 @@ class Status:
     name: str
     complete: bool
     planned: int
-    shards: tuple[ShardStatus, ...]
+    n_examples: int  # in shards that are done, as the failed ones
+    n_failed: int
+    shards: Mapping[str, Literal["done", "missing", "damaged"]]
     running: tuple[str, ...]
-    partial: tuple[str, ...]
     removed: tuple[str, ...]
 
     def count(self, state: str) -> int:
         """Count the shards in a state."""
-        return sum(shard.state == state for shard in self.shards)
-
-    @property
-    def n_examples(self) -> int:
-        """Examples in shards that are done."""
-        return sum(shard.n_examples for shard in self.shards)
-
-    @property
-    def n_failed(self) -> int:
-        """Examples that failed, in shards that are done."""
-        return sum(shard.n_failed for shard in self.shards)
+        return sum(one == state for one in self.shards.values())
 
 
 def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
@@ -365,19 +345,20 @@ def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status
         if (holder is None or not holder.alive) and not path.is_dir():
             path.unlink(missing_ok=True)
             removed.append(str(path.relative_to(folder)))
-    shards = []
+    shards, examples, n_failed = {}, set(), 0
     for name in list_shard_names(counts):
-        state, record = find_shard(folder, name, identity, quick=quick)
-        n_examples = len({row.get("scene_id") for row in record.get("rows", ())})
-        shards.append(ShardStatus(name, state, n_examples, len(record.get("failures", ()))))
+        shards[name], record = find_shard(folder, name, identity, quick=quick)
+        examples |= {(name, row.get("scene_id")) for row in record.get("rows", ())}
+        n_failed += len(record.get("failures", ()))
     return Status(
         directory=folder,
         dataset_id=description["id"],
         name=description["name"],
         complete=bool(description.get("complete")),
         planned=int(description.get("n_examples", 0)),
-        shards=tuple(shards),
+        n_examples=len(examples),
+        n_failed=n_failed,
+        shards=shards,
         running=tuple(str(holder) for holder in running),
-        partial=tuple(str(path.relative_to(folder)) for path in sorted(folder.rglob("*.partial"))),
         removed=tuple(removed),
     )

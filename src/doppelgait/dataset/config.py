@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from importlib import resources
@@ -27,9 +28,7 @@ _ABSENT = object()
 def shorten(value: Any) -> str:
     """Format a value as JSON of at most :data:`SHOWN_LENGTH` characters."""
     text = json.dumps(value, ensure_ascii=False, default=str)
-    if len(text) <= SHOWN_LENGTH:
-        return text
-    return f"{text[: SHOWN_LENGTH - _TAIL - 3]}...{text[-_TAIL:]}"
+    return text if len(text) <= SHOWN_LENGTH else f"{text[: SHOWN_LENGTH - _TAIL - 3]}...{text[-_TAIL:]}"
 
 
 def list_some(names: Sequence[Any], shown: int = 5, joint: str = ", ") -> str:
@@ -49,11 +48,8 @@ def list_differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
         for number, (before, after) in enumerate(zip_longest(old, new, fillvalue=_ABSENT)):
             yield from list_differences(before, after, f"{key}.{number}")
     elif old != new:
-        yield f"{key}: {_format_value(old)} -> {_format_value(new)}"
-
-
-def _format_value(value: Any) -> str:
-    return "absent" if value is _ABSENT else shorten(value)
+        before, after = ("absent" if value is _ABSENT else shorten(value) for value in (old, new))
+        yield f"{key}: {before} -> {after}"
 
 
 SCENE_KEYS = tuple(name for name in Scene.model_fields if name != "targets")
@@ -450,7 +446,7 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
         with resources.as_file(resources.files("doppelgait.dataset") / "plans" / f"{name}.toml") as path:
             table, text = read_toml(path)
         folder = Path.cwd()
-    elif name and Path(name).exists():
+    elif name and os.path.exists(name):
         table, text = read_toml(name)
         folder = Path(name).resolve().parent
     else:

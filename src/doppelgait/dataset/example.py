@@ -43,8 +43,6 @@ UNIT_OF_SUFFIX = {
 }
 """Units of columns by the ending of their names; other columns have the unit 1."""
 
-Rows = npt.NDArray[Any]
-
 
 @dataclass(frozen=True, eq=False)
 class Features:
@@ -70,7 +68,7 @@ class Features:
     units: tuple[str, ...]
     ids: npt.NDArray[np.str_]
 
-    def __iter__(self) -> Iterator[Rows]:
+    def __iter__(self) -> Iterator[npt.NDArray[Any]]:
         """Iterate over X, y and groups, in this order."""
         return iter((self.X, self.y, self.groups))
 
@@ -166,10 +164,8 @@ class Example:
     def specification(self) -> ExampleSpec:
         """Specification of the simulation: scene, radar, conditions, analysis and seed.
 
-        It contains no distributions.
-
-        It is resolved on first use. Relative motion paths start from the working folder;
-        :meth:`Dataset.specification` accepts another folder.
+        It contains no distributions and is resolved on first use. Relative motion paths start from
+        the working folder; :meth:`Dataset.specification` accepts another folder.
 
         Raises
         ------
@@ -236,9 +232,8 @@ class Example:
 
     def _read_array(self, name: str) -> xr.DataArray:
         if name not in self.arrays:
-            raise DatasetError(
-                f"{self.id}: the dataset keeps no {name}; it keeps {', '.join(self.arrays) or 'no arrays'}"
-            )
+            kept = ", ".join(self.arrays) or "no arrays"
+            raise DatasetError(f"{self.id}: the dataset keeps no {name}; it keeps {kept}")
         return self.arrays[name]
 
 
@@ -288,7 +283,7 @@ def read_carrier_hz(description: Mapping[str, Any], row: Mapping[str, Any]) -> f
 
 def read_radar(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
     """Return the radar of a simulated row."""
-    config, number = find_plan_place(description, row)
+    number, config = find_plan_place(description, row), description.get("config") or {}
     if number is None:
         raise DatasetError(f"{row['id']}: the dataset does not state its radar; only simulated ones do")
     seed = config["dataset"]["seed"]
@@ -308,22 +303,18 @@ def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> 
             f"the dataset has data version {version}, this doppelgait has {DATA_VERSION}: a new "
             "simulation would differ; build the dataset again to see its recordings"
         )
-    number = number_in_plan(description["config"], str(row.get("scene_id")))
+    number = find_plan_place(description, row)
     if number is None:
         raise DatasetError(f"{row.get('scene_id')}: is not in the plan of dataset.json")
     return number
 
 
-def find_plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> tuple[Mapping[str, Any], int | None]:
-    """Return the plan of a dataset, and the number of a row's example in it."""
-    config = description.get("config") or {}
-    simulated = description.get("origin", "simulated") == "simulated"
-    return config, number_in_plan(config, str(row["scene_id"])) if simulated else None
-
-
-def number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
-    """Return an example's number in its plan."""
-    label, _, within = scene_id.rpartition("-")
+def find_plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> int | None:
+    """Return the number of a row's example in the plan of its dataset, if it has one."""
+    config, scene = description.get("config") or {}, str(row.get("scene_id"))
+    label, _, within = scene.rpartition("-")
+    if description.get("origin", "simulated") != "simulated":
+        return None
     first = 0
     try:
         for section in config.get("classes") or config.get("episodes", ()):

@@ -1,7 +1,4 @@
-"""Executors of a build: this process, processes, or Dask.
-
-The result is byte-identical for all executors.
-"""
+"""Executors of a build: this process, processes, or Dask, with the same bytes."""
 
 from __future__ import annotations
 

@@ -378,7 +378,8 @@ def _write_stacked(
 def _write_whole(group: Any, name: str, values: Any, dims: tuple[str, ...], unit: str | None = None) -> None:
     """Write a small array as one chunk."""
     chunks, attributes = tuple(max(1, n) for n in values.shape), {} if unit is None else {"units": unit}
-    group.create_array(name, data=values, chunks=chunks, dimension_names=dims, attributes=attributes)
+    names = dims if len(dims) == values.ndim else None  # an empty array has two axes
+    group.create_array(name, data=values, chunks=chunks, dimension_names=names, attributes=attributes)
 
 
 @plugin("exporter", parameters=Sigmf, allowed=("baseband",), default=("baseband",), least=1)

@@ -1,7 +1,6 @@
 """Outlook of a plan: counts, subjects, size and time, and rows beyond the limits of the radar.
 
-For the limits motions are generated and observed as in a simulation, but no echo is synthesised. Their names are those
-that simulation and analysis write to the index of a built dataset (``warnings``, ``quality_flags``).
+For the limits motions are observed as in a simulation, but no echo is synthesised.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ import math
 import os
 import tempfile
 import time
-import warnings
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -22,7 +20,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.config import format_canonical_json
-from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.files import open_atomically
 from doppelgait.core.frames import SlowTime
 from doppelgait.core.labels import ScattererTable
@@ -30,7 +28,7 @@ from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.motions import find_source_entry, find_subject, list_recording_paths
 from doppelgait.dataset.plan import Plan, Shard, parse_source
 from doppelgait.dataset.resolve import ExampleSpec
-from doppelgait.dataset.shard import BuildContext, build_shard
+from doppelgait.dataset.shard import BuildContext, build_shard, collect_messages
 from doppelgait.pipeline.simulate import choose_lowest_prf, observe_scene, pulse_times_s
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.signature import make_gated_transform
@@ -52,6 +50,7 @@ LIMITS = tuple(LIMIT_KEYS)
 GATE_FLAG = "gate_leaves_frame"
 RANGE_PARTS = 4  # number of range intervals, with equally many rows each, in the table of the SNR
 SNR_PULSES = 200  # number of pulses over which the expected SNR of a row is averaged
+BLOCK_PULSES = 4096  # number of pulses that are observed together
 
 
 @dataclass(frozen=True)
@@ -67,21 +66,29 @@ class RowLimits:
 
 def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> list[RowLimits]:
     """Find the limits of every row of an example."""
-    run = example.run
-    with warnings.catch_warnings(record=True, action="always", category=DoppelgaitWarning) as caught:
+    run, ranges_m, strongest_v2 = example.run, [], []
+    with collect_messages() as messages:
         placed = place(run.scene, run.streams, folder=folder)
         radar = choose_lowest_prf(placed, run.radar, cpi_s=run.analysis.cpi_s) if run.auto_prf else run.radar
         slow_time_s = pulse_times_s(placed.observation_s, radar)
-        table, tracks = observe_scene(placed, radar, slow_time_s, run.conditions, angles=False, streams=run.streams)
-        warn_of_limits(table, radar, has_jumps=any(t.motion.report.get("has_jumps") for t in placed.targets))
-    found = {str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning)}
+        has_jumps = any(t.motion.report.get("has_jumps") for t in placed.targets)
+        step = -(-slow_time_s.size // SNR_PULSES)
+        for first in range(0, slow_time_s.size, BLOCK_PULSES):  # an episode in a room fills gigabytes
+            times_s = slow_time_s[first : first + BLOCK_PULSES]
+            table, tracks = observe_scene(placed, radar, times_s, run.conditions, angles=False, streams=run.streams)
+            warn_of_limits(table, radar, has_jumps=has_jumps)
+            ranges_m.append([track.range_m for track in tracks])
+            strongest_v2.append(_find_strongest_v2(table.take_pulses(slice(-first % step, None, step)), radar))
+            del table
+    found = set(messages) - {"outside the frame" if "folding" in messages else ""}  # as of one block
+    power_v2 = float(np.concatenate(strongest_v2).mean())
     analysis = run.analysis.resolved("truth")
     rows = []
-    for row, track in zip(example.rows, tracks, strict=True):
-        there = np.isfinite(track.range_m)
-        range_m = track.range_m[there] + example.gate_error_m
-        cut = gate == "truth" and not example.is_episode and _leaves_frame(range_m, slow_time_s[there], radar, analysis)
-        inside = (track.range_m >= radar.range_start_m) & (track.range_m <= radar.range_stop_m)
+    for row, range_m in zip(example.rows, np.concatenate(ranges_m, axis=1), strict=True):
+        there = np.isfinite(range_m)
+        gate_m = range_m[there] + example.gate_error_m
+        cut = gate == "truth" and not example.is_episode and _leaves_frame(gate_m, slow_time_s[there], radar, analysis)
+        inside = (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)
         lost = radar.waveform.ranged and not inside.any()
         own = {"outside the frame": lost, "gate cut off": cut}
         limits = tuple(name for name in LIMITS if name in found or own.get(name))
@@ -89,8 +96,8 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
         if row.source != "none" and run.noise.kind == "snr":
             snr_db = float(run.noise.snr_db)
         elif row.source != "none" and run.noise.kind == "thermal":
-            snr_db = _expected_snr_db(table, radar)
-        rows.append(RowLimits(row.id, row.label, limits, float(track.range_m[there].mean()), snr_db))
+            snr_db = 10.0 * math.log10(power_v2 / noise_power_v2(radar)) if power_v2 > 0 else -math.inf
+        rows.append(RowLimits(row.id, row.label, limits, float(range_m[there].mean()), snr_db))
     return rows
 
 
@@ -108,16 +115,14 @@ def _leaves_frame(
     return bool((low < -0.5).any() or (high > bins_m.size - 0.5).any())
 
 
-def _expected_snr_db(table: ScattererTable, radar: Radar) -> float:
+def _find_strongest_v2(table: ScattererTable, radar: Radar) -> npt.NDArray[np.float64]:
     # the echo powers in each range cell are added; the strongest cell of every pulse is used
-    few = table.take_pulses(slice(None, None, -(-table.shape[0] // SNR_PULSES)))
-    range_m, amplitude_v = compute_scatterer_arrays(few, radar)
-    seen = (few["target"] != BACKGROUND) & (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)
+    range_m, amplitude_v = compute_scatterer_arrays(table, radar)
+    seen = (table["target"] != BACKGROUND) & (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)
     cell = np.where(seen, (range_m - radar.range_start_m) / radar.range_resolution_m, 0.0).astype(np.int64)
     power_v2 = np.zeros((range_m.shape[0], int(cell.max(initial=0)) + 1))
     np.add.at(power_v2, (np.arange(range_m.shape[0])[:, None], cell), np.where(seen, amplitude_v, 0.0) ** 2)
-    signal_v2 = float(power_v2.max(axis=1).mean())
-    return 10.0 * math.log10(signal_v2 / noise_power_v2(radar)) if signal_v2 > 0 else -math.inf
+    return np.asarray(power_v2.max(axis=1))
 
 
 @dataclass(frozen=True)
@@ -209,26 +214,10 @@ def _count_limits(labels: list[str], marks: dict[str, list[bool]]) -> list[dict[
     return [{str(name): value for name, value in row.items()} for row in counts.to_dict("records")]
 
 
-PILOT_EXAMPLES = 8
 ROW_BYTES = 5000  # an index row and its copy in the shard's record
 
 
-@dataclass(frozen=True)
-class PlanSummary:
-    """Summary of the dataset that a plan will make."""
-
-    name: str
-    dataset_id: str
-    n_examples: int
-    n_shards: int
-    counts: list[dict[str, Any]]
-    subjects: list[dict[str, Any]]
-    files: list[dict[str, Any]]
-    n_checked: int
-    estimate: dict[str, Any]
-
-
-def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_EXAMPLES) -> PlanSummary:
+def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int) -> dict[str, Any]:
     """Summarise a plan: examples, subjects, files and duration."""
     sections = list(enumerate(plan.config.sections))
     examples = Counter((entry.class_number, entry.split) for entry in plan.examples)
@@ -256,17 +245,17 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
             entry = find_source_entry(recording, plan.config.sources)
             licence = entry.licence if entry is not None and entry.licence else "unknown"
             files.append({"file": recording, "subject": subject, "examples": count, "licence": licence})
-    return PlanSummary(
-        name=plan.config.dataset.name,
-        dataset_id=identity,
-        n_examples=len(plan.examples),
-        n_shards=sum(1 for _ in plan.shards()),
-        counts=counts,
-        subjects=subjects,
-        files=files,
-        n_checked=n_checked,
-        estimate=_estimate_cost(plan, min(pilot, len(plan.examples))) if pilot else {},
-    )
+    return {
+        "name": plan.config.dataset.name,
+        "dataset_id": identity,
+        "n_examples": len(plan.examples),
+        "n_shards": sum(1 for _ in plan.shards()),
+        "counts": counts,
+        "subjects": subjects,
+        "files": files,
+        "n_checked": n_checked,
+        "estimate": _estimate_cost(plan, min(pilot, len(plan.examples))) if pilot else {},
+    }
 
 
 def _estimate_cost(plan: Plan, count: int) -> dict[str, Any]:
@@ -284,7 +273,7 @@ def _estimate_cost(plan: Plan, count: int) -> dict[str, Any]:
     return {
         "pilot_examples": count,
         "pilot_failures": len(record["failures"]),
-        "pilot_failure": next((f"{failure['id']}: {failure['reason']}" for failure in record["failures"]), ""),
+        "pilot_failure": next(("{id}: {reason}".format(**failure) for failure in record["failures"]), ""),
         "seconds_per_example": seconds,
         "bytes_per_example": size,
         "total_bytes": (size + ROW_BYTES) * total,

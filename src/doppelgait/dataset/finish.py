@@ -44,8 +44,7 @@ SUMS = "SHA256SUMS"
 """File with the hash of every file of a finished dataset, in the format of ``sha256sum -c``. It is written last."""
 LOG, LOG_SUM = "build.jsonl", "build.jsonl.sha256"
 """Log of the build, and its hash: two builds of a plan differ in these files only."""
-SPLIT_LISTS = ("splits/train.txt", "splits/validation.txt", "splits/test.txt")
-SINGLE_FILES = ("README.md", "dataset.json", "index.parquet", *SPLIT_LISTS)
+SINGLE_FILES = ("README.md", "dataset.json", "index.parquet", *(f"splits/{s}.txt" for s in SPLITS))
 
 DATA_VERSION = 15
 """Version of the bytes that a configuration produces. It is part of every dataset's identity and is

@@ -64,7 +64,6 @@ def import_dataset(
     directory: str | Path,
     *,
     config: ImportConfig | None = None,
-    name: str | None = None,
     on_progress: Progress | None = None,
 ) -> ImportReport:
     """Make a dataset from recordings and a label file."""
@@ -92,7 +91,7 @@ def import_dataset(
             used = next((path for path in (Path(config_name), beside) if path.is_file()), None)
             described[f"option.config={config_name}"] = "" if used is None else hash_file(used)
     identity = import_id(labels, hashes | described, settings, plugins)
-    title = re.sub(r"[^A-Za-z0-9._-]+", "-", name or target.name).strip("-.") or "imported"
+    title = re.sub(r"[^A-Za-z0-9._-]+", "-", target.name).strip("-.") or "imported"
     header = Header(
         id=identity,
         name=title,

@@ -7,6 +7,7 @@ import csv
 import hashlib
 import io
 import math
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,10 +35,11 @@ WITH_SIDECAR = (".npy", ".npz", ".bin", *SUFFIXES)
 
 def find_recordings(folder: Path, pattern: str) -> list[str]:
     """Find recordings in a folder by name or pattern."""
-    name = pattern if _path_exists(folder / pattern) else pattern.replace("\\", "/")
+    # os.path: a name may be too long or have a zero byte
+    name = pattern if os.path.exists(folder / pattern) else pattern.replace("\\", "/")
     if Path(name).is_absolute() or ".." in Path(name).parts:
         raise ConfigError(f"{pattern!r} is not allowed: it must be a path inside {folder}, relative to it")
-    found = [folder / name] if _path_exists(folder / name) else []
+    found = [folder / name] if os.path.exists(folder / name) else []
     if not found and any(sign in name for sign in "*?["):
         try:
             found = sorted(folder.glob(name))
@@ -45,7 +47,7 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
             raise ConfigError(f"{pattern!r} is not a pattern: {error}; ** must stand alone between slashes") from None
     if not found:
         place = (folder / name).parent
-        names = sorted(path.name for path in (place if _path_exists(place) and place.is_dir() else folder).iterdir())
+        names = sorted(path.name for path in (place if os.path.isdir(place) else folder).iterdir())
         close = get_close_matches(Path(name).name, names, n=3, cutoff=0.6)
         hint = f"; near in spelling: {', '.join(close)}" if close else f"; it contains {len(names)} other recordings"
         raise ConfigError(f"{pattern!r}: is not in {folder}{hint}")
@@ -63,13 +65,6 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
     if not recordings:
         raise ConfigError(f"{pattern!r}: is a settings file, not a recording")
     return sorted(recordings)
-
-
-def _path_exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):  # the name is too long or has a zero byte
-        return False
 
 
 def list_recording_files(path: Path) -> tuple[Path, ...]:
@@ -331,16 +326,8 @@ PARTS = ("label", "subject", "session")
 TOKEN = re.compile(r"\{(\w+)\}|(\*\*/)|(\*)")
 
 
-@dataclass(frozen=True)
-class NameForm:
-    """File name template of a published set."""
-
-    template: str
-    labels: Mapping[str, str] = field(default_factory=dict)
-    citation: str = ""
-
-
-NAME_FORMS = {name: NameForm(**facts) for name, facts in read_toml(Path(__file__).with_name("names.toml"))[0].items()}
+NAME_FORMS: dict[str, Any] = read_toml(Path(__file__).with_name("names.toml"))[0]
+"""File name templates of published sets, with labels and citation."""
 
 
 def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") -> list[LabelEntry]:
@@ -348,8 +335,9 @@ def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") ->
     source = Path(folder)
     if not source.is_dir():
         raise ConfigError(f"{source}: no such folder of recordings")
-    form = NAME_FORMS.get(names) or NameForm(names)
-    pattern, suffix = _compile(names, form.template), Path(form.template).suffix
+    form = NAME_FORMS.get(names, {})
+    template, labels = form.get("template", names), form.get("labels", {})
+    pattern, suffix = _compile(names, template), Path(template).suffix
     files = (path for path in list_files(source) if path.name.endswith(suffix))
     paths = sorted(path.relative_to(source).as_posix() for path in files)
     entries: list[LabelEntry] = []
@@ -360,24 +348,24 @@ def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") ->
             unfit.append(path)
             continue
         parts = found.groupdict()
-        label = form.labels.get(parts["label"], "" if form.labels else parts["label"])
+        label = labels.get(parts["label"], "" if labels else parts["label"])
         if not LABEL.fullmatch(label):
             unknown.append(f"{path} ({parts['label']!r})")
             continue
-        facts: dict[str, Any] = {**parts, "label": label, "gate": gate, "citation": form.citation}
+        facts: dict[str, Any] = {**parts, "label": label, "gate": gate, "citation": form.get("citation", "")}
         entries.append(LabelEntry(len(entries) + 1, path, **facts))
     if unknown:
         allowed = (
-            ", ".join(f"{code} ({label})" for code, label in form.labels.items())
+            ", ".join(f"{code} ({label})" for code, label in labels.items())
             or "letters, digits, spaces, _ . and -; rename it, or write a file of labels"
         )
         raise ConfigError(f"{source}: {list_some(unknown, SHOWN_FAULTS)}: is no label; allowed are {allowed}")
     if not entries:
         seen = f"{len(unfit)} files end in {suffix!r}, the first is {unfit[0]}" if unfit else f"none ends in {suffix!r}"
-        raise ConfigError(f"{source}: no file fits {form.template}: {seen}")
+        raise ConfigError(f"{source}: no file fits {template}: {seen}")
     if unfit:
         listed = list_some(unfit, SHOWN_FAULTS)
-        warn_caller(f"{source}: {len(unfit)} files do not fit {form.template} and are left out: {listed}")
+        warn_caller(f"{source}: {len(unfit)} files do not fit {template} and are left out: {listed}")
     return entries
 
 

@@ -1,7 +1,4 @@
-"""Lock of a dataset's folder, and folders that appear complete.
-
-One build at a time; the parts of one partition may run at the same time.
-"""
+"""Lock of a dataset's folder, and folders that appear complete."""
 
 from __future__ import annotations
 

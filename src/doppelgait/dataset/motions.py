@@ -9,12 +9,14 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from fnmatch import fnmatchcase
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel, format_canonical_json, validate
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import (
     ConfigError,
     DatasetError,
@@ -23,7 +25,7 @@ from doppelgait.core.errors import (
     MotionError,
     warn_caller,
 )
-from doppelgait.core.files import list_files
+from doppelgait.core.files import hash_file, list_files
 from doppelgait.core.readers import list_options
 from doppelgait.dataset.config import PlanConfig, Progress, SourceSection, shorten
 from doppelgait.motion.gait import add_gait_facts, is_quadruped
@@ -37,7 +39,7 @@ from doppelgait.motion.hybrid import (
     make_hybrid,
     retarget,
 )
-from doppelgait.motion.loop import loop
+from doppelgait.motion.loop import fit_cycle
 from doppelgait.motion.models.registry import MOTION_MODELS, check_table
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import MOTION_READERS, read
@@ -50,15 +52,10 @@ PHANTOM_SPEED_MPS = {"uniform": [0.4, 2.0]}
 """Default speed of the gate of an example without a target."""
 
 
-def get_recording_path(motion: Mapping[str, Any]) -> str:
-    """Return the path of a motion's recording as written, or ""."""
-    return str(motion["path"]) if motion["kind"] == "file" else ""
-
-
 def list_recording_paths(motion: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the paths of a resolved motion's recordings, as written."""
-    other = (motion.get("hybrid") or {}).get("other") if motion["kind"] == "file" else None
-    return tuple(filter(None, (get_recording_path(motion), get_recording_path(other) if other else "")))
+    clips = [motion, (motion.get("hybrid") or {}).get("other")] if motion["kind"] == "file" else []
+    return tuple(str(one["path"]) for one in clips if one and one["kind"] == "file" and one["path"])
 
 
 def find_source_entry(recording: str, sources: Sequence[SourceSection]) -> SourceSection | None:
@@ -68,7 +65,7 @@ def find_source_entry(recording: str, sources: Sequence[SourceSection]) -> Sourc
 
 def find_subject(motion: Mapping[str, Any], row_id: str, sources: Sequence[SourceSection] = ()) -> str:
     """Return the subject of a motion."""
-    recording = get_recording_path(motion)
+    recording = next(iter(list_recording_paths(motion)), "")
     if not recording:
         return f"model/{row_id}"
     entry = find_source_entry(recording, sources)
@@ -178,8 +175,6 @@ def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSe
 SPARE_S = 0.1  # time, s, by which a looped motion exceeds the scene
 SHOWN_REASONS = 3
 
-HybridMode = Literal["none", "retarget", "blend"]
-
 
 class FolderMotion(FrozenModel):
     """Folder of motion files as a class's motion.
@@ -198,7 +193,7 @@ class FolderMotion(FrozenModel):
     pattern: str = "*"
     loop: bool = True
     min_duration_s: float = Field(default=0.0, ge=0)
-    hybrid: HybridMode = "none"
+    hybrid: Literal["none", "retarget", "blend"] = "none"
     options: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -241,14 +236,14 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
         return value
 
     classes = tuple(
-        section.model_copy(update={"motion": expand(section.motion, f"classes.{number}.motion")})
-        for number, section in enumerate(plan.classes)
+        one.model_copy(update={"motion": expand(one.motion, f"classes.{number}.motion")})
+        for number, one in enumerate(plan.classes)
     )
-    episodes = []
-    for number, episode in enumerate(plan.episodes):
-        targets = expand(episode.targets, f"episodes.{number}.targets", episode.duration_s)
-        episodes.append(episode.model_copy(update={"targets": targets}))
-    return plan.model_copy(update={"classes": classes, "episodes": tuple(episodes)})
+    episodes = tuple(
+        one.model_copy(update={"targets": expand(one.targets, f"episodes.{number}.targets", one.duration_s)})
+        for number, one in enumerate(plan.episodes)
+    )
+    return plan.model_copy(update={"classes": classes, "episodes": episodes})
 
 
 def _list_segments(
@@ -269,12 +264,25 @@ def _list_segments(
     files = list_files(root, spec.pattern)
     found: list[tuple[dict[str, Any], Motion]] = []
     refused: dict[str, str] = {}
+    options = format_canonical_json(spec.options)
     for number, file in enumerate(files, start=1):
-        name = (Path(spec.path) / file.relative_to(root)).as_posix()
+        name, loop_to_s = (Path(spec.path) / file.relative_to(root)).as_posix(), seconds + SPARE_S
         try:
-            found += _read_file_segments(spec, file, name, seconds)
-        except DoppelgaitError as error:
+            clips = _read_clips(file, hash_file(file), options, spec.hybrid != "none")
+        except (DoppelgaitError, OSError) as error:
             refused[name] = str(error).replace(f"{file}: ", "").partition(";")[0]
+            clips = []
+        for segment, duration_s, can_loop, clip in clips:
+            # a hybrid may be faster than its recording
+            is_short = duration_s < seconds or spec.hybrid != "none"
+            if (
+                duration_s < spec.min_duration_s
+                or (duration_s < seconds and not spec.loop)
+                or (is_short and not can_loop)
+            ):
+                continue
+            table = {"kind": "file", "path": name, "segment": segment, **spec.options}
+            found.append((table | ({"loop_to_s": loop_to_s} if is_short else {}), clip))
         if on_progress is not None:
             on_progress(number, len(files))
     if not found:
@@ -294,34 +302,25 @@ def _list_segments(
     return add_hybrids(tables, [clip for _, clip in found], subjects, spec.hybrid)
 
 
-def _read_file_segments(
-    spec: FolderMotion, file: Path, name: str, seconds: float
-) -> list[tuple[dict[str, Any], Motion]]:
+@lru_cache(maxsize=1024)  # kinds of episodes share folders, and a plan is read again for its build
+def _read_clips(file: Path, sha256: str, options: str, with_motion: bool) -> list[tuple[int, float, bool, Any]]:
+    """List straight segments: number, duration, whether it can loop, and clip for a hybrid."""
+    clips = []
     with warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):
         # ignore the warnings of cleaning; the build repeats them for every row
-        motion = read(file, **spec.options)
+        motion = read(file, **parse_json(options))
         for fault in motion.report["implausible"]:
             raise MotionError(fault)
-        tables = []
         for number, segment in enumerate(find_segments(motion), start=1):
-            table = {"kind": "file", "path": name, "segment": number, **spec.options}
-            if segment.duration_s < spec.min_duration_s:
-                continue
-            clip = crop(motion, segment)
-            if segment.duration_s < seconds and not spec.loop:
-                continue
-            # a hybrid may be faster than its recording
-            if segment.duration_s < seconds or spec.hybrid != "none":
-                try:
-                    loop(clip, duration_s=seconds + SPARE_S)
-                except DoppelgaitError:
-                    continue  # shorter than a stride: it cannot be repeated
-                table["loop_to_s"] = seconds + SPARE_S
-            if spec.hybrid != "none":
+            clip, can_loop = crop(motion, segment), False
+            with suppress(DoppelgaitError):  # shorter than a stride: it cannot be repeated
+                fit_cycle(clip)
+                can_loop = True
+            if with_motion and can_loop:
                 clip = add_gait_facts(clip)
                 clip.position_m.setflags(write=False)  # fit its cycle once
-            tables.append((table, clip))
-    return tables
+            clips.append((number, segment.duration_s, can_loop, clip if with_motion else None))
+    return clips
 
 
 STATURE_SD = 0.056

@@ -230,7 +230,8 @@ class Dataset:
     def result(self, number: int) -> Result:
         """Return the result of an example with its settings; its truth is :attr:`Example.truth`."""
         example = self.example(number)
-        config, place = find_plan_place(self.description, example.row)
+        place = find_plan_place(self.description, example.row)
+        config = self.description.get("config") or {}
         table = config.get("analysis", {})
         if place is not None:
             turn = int(str(example.row["scene_id"]).rpartition("-")[2])

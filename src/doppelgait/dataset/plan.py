@@ -1,7 +1,6 @@
 """Plan of a dataset: examples or recordings with their splits, and shards.
 
-Nothing is simulated; only motion folders and radar files are read. Subjects, and all who share a scene or a recording
-with them, stay together.
+Subjects, and all who share a scene or a recording with them, stay together.
 """
 
 from __future__ import annotations
@@ -10,9 +9,11 @@ import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from itertools import count
+from itertools import chain, count, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
@@ -54,21 +55,17 @@ SHOWN_NAMES = 4
 
 def group_subjects(scenes: Iterable[Sequence[str]]) -> dict[str, str]:
     """Return every subject's group, named after its first subject."""
-    parent: dict[str, str] = {}
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
 
-    def root(name: str) -> str:
-        while parent[name] != name:
-            parent[name] = parent[parent[name]]
-            name = parent[name]
-        return name
-
-    for subjects in scenes:
-        for subject in subjects:
-            parent.setdefault(subject, subject)
-        roots = sorted({root(subject) for subject in subjects})
-        for other in roots[1:]:
-            parent[other] = roots[0]
-    return {name: root(name) for name in parent}
+    together = list(scenes)
+    numbers = {name: n for n, name in enumerate(dict.fromkeys(chain.from_iterable(together)))}
+    pairs = [(numbers[a], numbers[b]) for subjects in together for a, b in pairwise(subjects)]
+    places = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    links = coo_array((np.ones(len(pairs)), places), shape=(len(numbers), len(numbers)))
+    group_of = dict(zip(numbers, connected_components(links, directed=False)[1].tolist(), strict=True))
+    first = {group_of[name]: name for name in sorted(numbers, reverse=True)}
+    return {name: first[group] for name, group in group_of.items()}
 
 
 def parse_source(subject: str) -> str:

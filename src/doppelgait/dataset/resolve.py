@@ -1,7 +1,4 @@
-"""Resolved examples of a plan: every distribution sampled.
-
-An example is a pure function of configuration and number.
-"""
+"""Resolved examples of a plan, pure functions of configuration and number."""
 
 from __future__ import annotations
 

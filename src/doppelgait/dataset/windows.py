@@ -1,17 +1,15 @@
 """Windows of a recording: cut, analysed and linked to tracks.
 
-A window is analysed like a separate recording, so that a stream and its file give the same result,
-and an overlap of two bodies affects only its own windows. A target continues the track with the
-same path where the windows overlap, or with a path that leads to it across a gap. One pass of the
-tracker over the whole recording would smooth backwards, so that a stream could not have its tracks.
+A window is analysed like a separate recording, so that a stream and its file give the same result:
+one pass of the tracker over the whole recording would smooth backwards.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from itertools import count
+from dataclasses import dataclass, replace
+from itertools import count, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,15 +34,7 @@ LINK_MPS = 1.5  # largest jump of the radial speed across a gap
 COAST_S, LOST_S = 2.0, 6.0
 """Time for which a path is extrapolated (as long as two bodies share a detection), and time after which it is lost."""
 LEAST_COMMON_S, STEP_S = 0.3, 0.1
-TIMES = (
-    "start_s",
-    "stop_s",
-    "track_start_s",
-    "track_stop_s",
-    "track_confirmed_at_s",
-    "still_start_s",
-    "still_stop_s",
-)
+TIMES = ("track_confirmed_at_s", *map("".join, product(("", "track_", "still_"), ("start_s", "stop_s"))))
 """Times among the diagnostics of a result."""
 
 
@@ -54,21 +44,6 @@ class Window(NamedTuple):
     start_s: float
     stop_s: float
     recording: Any
-
-
-@dataclass(frozen=True)
-class _Blocks:
-    """Pulses, or bursts of pulses, which are never split."""
-
-    starts_s: npt.NDArray[np.float64]
-    pulses: int
-    period_s: float
-
-    def between(self, start_s: float, stop_s: float) -> slice:
-        # pulses of blocks that begin in [start_s, stop_s)
-        margin_s = TOLERANCE * self.period_s
-        first, last = np.searchsorted(self.starts_s, [start_s - margin_s, stop_s - margin_s])
-        return slice(int(first) * self.pulses, int(last) * self.pulses)
 
 
 def cut(
@@ -85,38 +60,38 @@ def cut(
     else:
         times_s = recording.slow_time_s.astype(np.float64)
         pulses = recording.frames.slow_time.find_bursts().burst_pulses or 1
-    block_starts_s = times_s[: times_s.size // pulses * pulses : pulses] - times_s[0]
-    if block_starts_s.size < 2:
-        raise AnalysisError(f"has {block_starts_s.size} {'pulses' if pulses == 1 else 'bursts'}, at least 2 are needed")
-    blocks = _Blocks(block_starts_s, pulses, float(block_starts_s[-1] / (block_starts_s.size - 1)))
-    duration_s = blocks.starts_s.size * blocks.period_s
-    margin_s = TOLERANCE * blocks.period_s
+    blocks_s = times_s[: times_s.size // pulses * pulses : pulses] - times_s[0]  # bursts are never split
+    if blocks_s.size < 2:
+        raise AnalysisError(f"has {blocks_s.size} {'pulses' if pulses == 1 else 'bursts'}, at least 2 are needed")
+    period_s = float(blocks_s[-1] / (blocks_s.size - 1))
+    duration_s, margin_s = blocks_s.size * period_s, TOLERANCE * period_s
     begin, end = start_s or 0.0, duration_s if stop_s is None else stop_s
-    for name, value in (("start_s", begin + blocks.period_s), ("stop_s", end)):
+    for name, limit_s, value in (("start_s", begin, begin + period_s), ("stop_s", end, end)):
         if value > duration_s + margin_s:
-            limit_s = begin if name == "start_s" else end
             raise AnalysisError(f"{name} = {limit_s:g}: the recording lasts {duration_s:.6g} s")
+
+    def make_window(start_s: float, stop_s: float) -> Window:
+        # pulses of blocks that begin in [start_s, stop_s)
+        first, last = np.searchsorted(blocks_s, [start_s - margin_s, stop_s - margin_s])
+        part = slice(int(first) * pulses, int(last) * pulses)
+        if isinstance(recording, xr.DataArray):
+            cropped = recording.isel(time=part)
+            times = ("time", read_axis(cropped, "time") - read_axis(cropped, "time")[:1], cropped["time"].attrs)
+            return Window(start_s, stop_s, cropped.assign_coords(time=times))
+        frames = recording.frames.take_pulses(part)
+        times_s = frames.slow_time.time_s
+        if times_s.size < 2:
+            raise AnalysisError(f"{start_s:g} to {stop_s:g} s: holds {times_s.size} pulses, at least 2 are needed")
+        frames = replace(frames, slow_time=replace(frames.slow_time, time_s=times_s - times_s[0]))
+        return Window(start_s, stop_s, recording.with_frames(frames, truth=()))
+
     if window_s is None or step_s is None:
-        return iter([_make_window(recording, blocks, begin, end)])
+        return iter([make_window(begin, end)])
     n_windows = int(np.floor((end - begin - window_s + margin_s) / step_s)) + 1
     if n_windows < 1:
         raise AnalysisError(f"lasts {end - begin:.6g} s, less than a window of {window_s:g} s")
     starts_s = (begin + n * step_s for n in range(n_windows))
-    return (_make_window(recording, blocks, at, min(at + window_s, end)) for at in starts_s)  # one in memory
-
-
-def _make_window(recording: Recording | xr.DataArray, blocks: _Blocks, start_s: float, stop_s: float) -> Window:
-    pulses = blocks.between(start_s, stop_s)
-    if isinstance(recording, xr.DataArray):
-        cropped = recording.isel(time=pulses)
-        times = ("time", read_axis(cropped, "time") - read_axis(cropped, "time")[:1], cropped["time"].attrs)
-        return Window(start_s, stop_s, cropped.assign_coords(time=times))
-    frames = recording.frames.take_pulses(pulses)
-    times_s = frames.slow_time.time_s
-    if times_s.size < 2:
-        raise AnalysisError(f"{start_s:g} to {stop_s:g} s: holds {times_s.size} pulses, at least 2 are needed")
-    frames = replace(frames, slow_time=replace(frames.slow_time, time_s=times_s - times_s[0]))
-    return Window(start_s, stop_s, recording.with_frames(frames, truth=()))
+    return (make_window(at, min(at + window_s, end)) for at in starts_s)  # one in memory
 
 
 def cut_windows(recording: Recording, window_s: float, hop_s: float) -> Iterator[Window]:
@@ -168,10 +143,6 @@ class LiveCounts:
     windows: int = 0
     skipped: int = 0
     failed: int = 0
-
-    def as_dict(self) -> dict[str, int]:
-        """Return the counts by name."""
-        return asdict(self)
 
 
 RECEIVED, FILLED, ABSENT = 0, 1, 2  # origins of a row: a frame, a short gap, a pause
@@ -311,7 +282,7 @@ class Links:
     """Numbers of tracks for the targets of successive windows."""
 
     def __init__(self) -> None:
-        self._paths: dict[int, Path] = {}
+        self.paths: dict[int, Path] = {}  # of the tracks that can be continued
         self._numbers = count()
 
     def add(self, window: Window, results: Sequence[Result]) -> list[int]:
@@ -319,7 +290,7 @@ class Links:
         new = [Path.of(result, window) for result in results]
         pairs = sorted(
             (distance_m, number, n)
-            for number, path in self._paths.items()
+            for number, path in self.paths.items()
             for n, later in enumerate(new)
             if (distance_m := path.measure_distance_m(later)) < math.inf
         )
@@ -328,11 +299,6 @@ class Links:
             if n not in found and number not in found.values():
                 found[n] = number
         numbers = [found[n] if n in found else next(self._numbers) for n in range(len(new))]
-        self._paths.update(zip(numbers, new, strict=True))
-        self._paths = {n: path for n, path in self._paths.items() if window.stop_s - path.time_s[-1] <= LOST_S}
+        self.paths.update(zip(numbers, new, strict=True))
+        self.paths = {n: path for n, path in self.paths.items() if window.stop_s - path.time_s[-1] <= LOST_S}
         return numbers
-
-    @property
-    def kept(self) -> set[int]:
-        """Tracks that can be continued."""
-        return set(self._paths)

@@ -25,7 +25,8 @@ from doppelgait.radar.simulate import (
     synthesise_rf,
     synthesise_samples,
 )
-from doppelgait.radar.streams import Stream, open_stream
+from doppelgait.radar.sources import open_stream
+from doppelgait.radar.streams import Stream
 
 __all__ = [
     "RADAR_READERS",

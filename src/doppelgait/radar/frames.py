@@ -135,6 +135,8 @@ def parse_header(payload: bytes, where: str) -> Header:
         raise RecordingError(f"{where}: {error}") from None
     if isinstance(named, str) and radar.waveform.ranged:
         radar = adapt_preset(place, named, n_range_bins=n_bins, range_start_m=facts["range_start_m"], **stated)
+    if n_bins > radar.n_range_bins:
+        raise RecordingError(f"{where}: the header states {n_bins:,} range bins, its radar {radar.n_range_bins:,}")
     header = Header(radar, facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(n_bins, dtype=np.float64))
     for key in ("carrier_hz", "prf_hz"):
         if not math.isclose(facts[key], header.facts[key], rel_tol=SAME):
@@ -252,6 +254,8 @@ def make_recording_header(recording: Recording) -> Header:
     even_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(recording.n_range_bins)
     if not np.allclose(recording.range_m, even_m, rtol=0, atol=1e-3 * abs(facts["bin_spacing_m"])):
         raise RecordingError(f"{recording.source}: its range bins are not evenly spaced; frames need that")
+    if recording.n_range_bins > recording.radar.n_range_bins:
+        raise RecordingError(f"{recording.source}: has more range bins than its radar")
     return header
 
 
@@ -320,15 +324,16 @@ def read_frames(path: Path) -> Recording:
         raise RecordingError(f"{path}: holds {'no header' if header is None else f'{len(rows)} frames, 2 are needed'}")
     if parser.malformed:
         warn_caller(f"{path}: {parser.malformed:,} malformed frames are left out, the last is {parser.fault}")
-    numbers, values, clock_s = np.array(counters, dtype=np.uint64).astype(np.int64), np.stack(rows), np.array(clocks_s)
+    numbers, values, clock_s = np.array(counters, dtype=np.uint64), np.stack(rows), np.array(clocks_s)
     order = np.argsort(numbers, kind="stable")
     again = np.concatenate([[False], np.diff(numbers[order]) == 0])
     repeated = bool((values[order][again] == values[order][np.flatnonzero(again) - 1]).all())
     moved = int((order != np.arange(order.size)).sum() + again.sum())
-    if moved and repeated and np.diff(numbers).min() > -MAX_DISORDER:
+    if moved and repeated and np.diff(numbers).view(np.int64).min() > -MAX_DISORDER:
         warn_caller(f"{path}: {moved:,} frames came out of order or twice; they are sorted by the frame counter")
         numbers, values, clock_s = (array[order[~again]] for array in (numbers, values, clock_s))
-    pulses, steps = header.radar.burst_pulses, np.diff(numbers)
+    pulses, steps = header.radar.burst_pulses, np.diff(numbers).view(np.int64)
+    places = (numbers % (pulses or 1)).astype(np.int64)
     jumps = (steps < 1) | (steps > LARGEST_GAP)
     if jumps.any():  # as in a stream, but a burst starts again
         first = int(np.argmax(jumps))
@@ -336,9 +341,8 @@ def read_frames(path: Path) -> Recording:
             f"{path}: the frame counter jumps at {jumps.sum():,} places, first from {numbers[first]:,} to "
             f"{numbers[first + 1]:,}: another start of the sender; time continues there"
         )
-        block = pulses or 1
-        steps[jumps] = block - numbers[:-1][jumps] % block + numbers[1:][jumps] % block
-        numbers = numbers[0] + np.concatenate([[0], np.cumsum(steps)])
+        steps[jumps] = (pulses or 1) - places[:-1][jumps] + places[1:][jumps]
+    numbers = places[0] + np.concatenate([[0], np.cumsum(steps)])
     if pulses is not None:  # bursts keep their times; incomplete bursts are ignored
         burst, counts = np.unique(numbers // pulses, return_counts=True)
         whole = np.isin(numbers // pulses, burst[counts == pulses])

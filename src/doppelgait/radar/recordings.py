@@ -15,7 +15,7 @@ from doppelgait.core.errors import RecordingError
 from doppelgait.core.files import FileKind, create_hdf5, open_own_hdf5
 from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, ScattererTable, Signal, describe_points
 from doppelgait.core.lazy import LateRows, read_tiles
-from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
+from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5, read_stamp
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
 from doppelgait.radar.measured import check_finite
@@ -124,7 +124,7 @@ def read_hdf5(path: Path) -> Recording:
                 "by slow_time_s and range_m"
             )
         stored = 8 * found.size > STORED_BYTES
-        rows = StoredRows(path, "baseband", "c8", _read_stamp(path)) if stored else None
+        rows = StoredRows(path, "baseband", "c8", read_stamp(path)) if stored else None
         with np.errstate(over="ignore", invalid="ignore"):  # values beyond single precision raise an error later
             values = found if stored else found[:].astype(np.complex64)
         check_finite(path, values)
@@ -152,9 +152,9 @@ def read_hdf5(path: Path) -> Recording:
 
 
 def _open_numbers(group: Any, name: str) -> Any:
-    """Return a dataset of real numbers."""
-    if group[name].dtype.kind not in "fiu":
-        raise ValueError(f"{name} holds {group[name].dtype} values, must be real numbers")
+    """Return a dataset of real numbers; pandas has no index of half precision."""
+    if (dtype := group[name].dtype).kind not in "fiu" or dtype == np.float16:
+        raise ValueError(f"{name} holds {dtype} values, must be real numbers of single or double precision")
     return group[name]
 
 
@@ -178,17 +178,12 @@ class StoredRows:
     def __call__(self, first: int, stop: int) -> Any:
         """Return the rows from ``first`` to before ``stop``."""
         try:
-            if _read_stamp(self.path) != self.stamp:
+            if read_stamp(self.path) != self.stamp:
                 raise ValueError("it was changed after it was opened")
             with open_hdf5(self.path, members=False) as file:
                 return np.asarray(file[self.name][first:stop], dtype=self.dtype)
         except FAULTS as error:
             raise RecordingError(f"{self.path}: pulses {first} to {stop} cannot be read: {error}") from None
-
-
-def _read_stamp(path: Path) -> tuple[int, int, int]:
-    facts = path.stat()
-    return facts.st_ino, facts.st_size, facts.st_mtime_ns
 
 
 def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) -> TargetTruth:
@@ -202,7 +197,7 @@ def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) ->
         stored = _open_numbers(group, key)
         if path is None or stored.shape != shape:
             return np.broadcast_to(stored[:], shape)
-        return LateRows(shape, StoredRows(path, f"{group.name}/{key}", "f8", _read_stamp(path)), np.float64)
+        return LateRows(shape, StoredRows(path, f"{group.name}/{key}", "f8", read_stamp(path)), np.float64)
 
     keys = {name: name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]] for name in STORED_VARIABLES}
     values = {name: values_of(key) for name, key in keys.items() if name not in OPTIONAL_VARIABLES or key in group}
@@ -214,7 +209,6 @@ def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) ->
     body: Any = None  # recordings of earlier versions have no body
     if "body_position_m" in group:
         markers, parts = (_read_names(group, f"body_{key}") for key in ("marker", "part"))
-        body = describe_points(
-            group["body_position_m"][:].astype(np.float32), _open_numbers(group, "body_time_s")[:], markers, parts
-        )
+        positions, times = (_open_numbers(group, f"body_{name}")[:] for name in ("position_m", "time_s"))
+        body = describe_points(positions.astype(np.float32), times, markers, parts)
     return TargetTruth(scatterers=scatterers, body=body, **centre, **facts)

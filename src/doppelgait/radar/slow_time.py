@@ -175,7 +175,7 @@ def _fit_lines(pulse: IntArray, stamps: FloatArray, cuts: IntArray) -> tuple[Int
     """Fit a straight line to every piece; neighbours of nearly one rate, and short ones, are one piece."""
 
     def fit(first: int, stop: int) -> float:
-        return 1.0 / (measure_clock_rate_hz(stamps[first:stop], pulse[first:stop]) or 1e300)
+        return 1.0 / min(measure_clock_rate_hz(stamps[first:stop], pulse[first:stop]) or 1e300, 1e300)
 
     kept = [int(cut) for cut in cuts]
     while kept:

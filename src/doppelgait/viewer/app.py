@@ -1,25 +1,28 @@
-"""Routes of the viewer's server, and the check of requests."""
+"""Routes of the viewer's server, the check of requests, and its connections."""
 
 from __future__ import annotations
 
+import asyncio
 import ctypes
 import hmac
 import sys
 import traceback
-from collections.abc import Awaitable, Callable, Iterable, MutableMapping
-from contextlib import asynccontextmanager, nullcontext, suppress
+from collections.abc import Awaitable, Callable, Iterable, Iterator, MutableMapping
+from contextlib import asynccontextmanager, contextmanager, nullcontext, suppress
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import anyio
 import anyio.to_thread
+import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.viewer.panels import (
@@ -47,6 +50,9 @@ Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Message, Receive, Send], Awaitable[None]]
 Headers = Iterable[tuple[bytes, bytes]]
 
+MAX_CONNECTIONS, IDLE_S, END_S = 100, 30, 1
+"""Open connections; time, s, after which one without a request is closed;
+time, s, for answers when the server stops."""
 MOST_URL_BYTES = 4096
 METHODS = ("GET", "HEAD")
 POLICY = "; ".join(
@@ -113,7 +119,7 @@ class Guard:
             if status == 405:
                 headers.append((b"allow", ", ".join(METHODS).encode()))
         else:
-            # Redirect the page's address without the last slash, because relative links would fail there.
+            # Redirect the page's address without the last slash: relative links would fail there.
             query: bytes = scope["query_string"]
             place = f"/{self.token.decode()}/".encode() + (b"?" + query if query else b"")
             status, body, headers = 307, b"", [(b"location", place), (b"content-length", b"0")]
@@ -123,7 +129,8 @@ class Guard:
     def fault(self, scope: Message) -> tuple[int, str] | None:
         """Return status and reason of a rejection, or None."""
         headers = list(scope["headers"])
-        if len(scope.get("raw_path") or scope["path"].encode()) + len(scope["query_string"]) > MOST_URL_BYTES:
+        path = scope.get("raw_path") or scope["path"].encode()
+        if len(path) + len(scope["query_string"]) > MOST_URL_BYTES:
             return 414, f"the address is longer than {MOST_URL_BYTES} bytes"
         if scope["method"] not in METHODS:
             return 405, f"{scope['method']} is not allowed; allowed are {', '.join(METHODS)}"
@@ -253,7 +260,8 @@ def _make_dataset_routes(opened: OpenedSource | None) -> list[Route]:
 
 def _describe_session(opened: OpenedSource | None, settings: Settings, live: Rolling | None, query: Pairs) -> Any:
     parse_parameters(query, ())
-    return describe_session(opened, settings) | ({} if live is None else {"kind": "live", "name": "live"})
+    facts = describe_session(opened, settings)
+    return facts if live is None else {**facts, "kind": "live", "name": "live"}
 
 
 def _encode_live(live: Rolling | None, query: Pairs) -> bytes:
@@ -269,7 +277,8 @@ def _make_endpoint(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
     async def endpoint(request: Request) -> Response:
         query = request.query_params.multi_items()
         content = await run_in_thread(lambda: make(query))
-        return Response(content if isinstance(content, bytes) else as_json(content), media_type=media_type)
+        body = content if isinstance(content, bytes) else as_json(content)
+        return Response(body, media_type=media_type)
 
     return endpoint
 
@@ -357,7 +366,8 @@ def _prepare(shelf: RunCache, opened: OpenedSource | None, settings: Settings) -
 
 async def _answer_error(request: Request, error: Exception, *, folders: tuple[Path, ...]) -> Response:
     """Answer with the message of an error, without folder names."""
-    return _make_error(400 if isinstance(error, ConfigError) else 422, remove_folders(str(error), *folders))
+    status = 400 if isinstance(error, ConfigError) else 422
+    return _make_error(status, remove_folders(str(error), *folders))
 
 
 async def _answer_http_error(request: Request, error: Exception) -> Response:
@@ -374,3 +384,46 @@ async def _answer_fault(request: Request, error: Exception) -> Response:
 
 def _make_error(status: int, reason: str) -> Response:
     return Response(as_json({"error": reason}), status_code=status, media_type=JSON)
+
+
+class _Connection(H11Protocol):
+    """Connection that gives way to a newer one; uvicorn alone would refuse the newer one."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self.opened_s = self.loop.time()
+        others = [one for one in self.connections if not one.transport.is_closing() and one is not self]
+        waiting = [one for one in others if isinstance(one, _Connection) and one.waits_for_client()]
+        excess = max(len(others) + 1 - MAX_CONNECTIONS, 0)
+        for one in sorted(waiting, key=lambda one: one.opened_s)[:excess]:
+            one.transport.abort()
+
+    def waits_for_client(self) -> bool:
+        return self.cycle is None or self.cycle.response_complete or self.flow.write_paused
+
+
+class _Server(uvicorn.Server):
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        with super().capture_signals():
+            yield
+            self._captured_signals.clear()  # a signal is the usual end, with status 0
+
+
+def make_server(app: App) -> uvicorn.Server:
+    """Make a server that does not run yet."""
+    config = uvicorn.Config(
+        cast("Any", app),
+        loop="asyncio",
+        http=_Connection,
+        ws="none",
+        lifespan="on",
+        access_log=False,
+        server_header=False,
+        log_level="critical",
+        backlog=MAX_CONNECTIONS,  # asyncio accepts as many at once
+        limit_concurrency=MAX_CONNECTIONS + 1,
+        timeout_graceful_shutdown=END_S,
+        timeout_keep_alive=IDLE_S,
+    )
+    return _Server(config)

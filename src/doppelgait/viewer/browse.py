@@ -239,7 +239,8 @@ def make_thumbnails(
         return facts, {}
     from doppelgait.viz.maps import doppler_limits_hz, level_limits_db
 
-    # All thumbnails have the same axes: time from the start of each, and the velocities that any of them occupies.
+    # All thumbnails have the same axes: time from the start of each, and the velocities
+    # that any of them occupies.
     seconds = max(float(np.ptp(read_axis(s, "time"))) for s in signatures)
     limits = np.array([doppler_limits_hz(s) for s in signatures])
     moving = "Hz"

@@ -74,7 +74,8 @@ def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
                 f"its simulation needs {_find_last(name)!r}, which is not part of the dataset: start the viewer with "
                 "--motion-folder FOLDER to see its recording"
             )
-        # Reject paths that are absolute on any system: a test for the existence of //HOST/... contacts the host.
+        # Reject paths that are absolute on any system: a test for the existence of //HOST/...
+        # contacts the host.
         windows = PureWindowsPath(name)
         if (bool(windows.drive or windows.root) or PurePosixPath(name).is_absolute() or ".." in windows.parts) or not (
             Path(name) if start == "skeleton" else folder / name
@@ -107,7 +108,7 @@ def _find_last(name: str) -> str:
 
 
 FACT_TOLERANCE = 1e-2
-"""Relative difference of a fact of the truth above which the motion files are not those of the dataset."""
+"""Relative difference of a fact of the truth above which motion files are not the dataset's."""
 
 
 class ExampleRuns:

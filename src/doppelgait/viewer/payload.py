@@ -57,7 +57,8 @@ FloatArray = npt.NDArray[np.floating[Any]]
 
 CODES = 65535
 DEEPEST_DB = 160.0
-"""Range of encoded levels below the highest; steps of 160 dB / 65535 keep 0.01 dB, and lower levels are clipped."""
+"""Range of encoded levels below the highest; steps of 160 dB / 65535 keep 0.01 dB, and lower
+levels are clipped."""
 MOST = (2000, 600)
 MEDIAN_OF = 500_000  # approximate number of cells from which the median of a picture is computed
 AUTO_DB_RANGE = (20.0, 40.0)  # smallest and largest initial range of levels, as in the figures
@@ -95,7 +96,8 @@ def encode_image(
     for first, tile in [(0, power)] if isinstance(power, np.ndarray) else read_tiles(power, blocks[0]):
         maxima.append(find_block_maxima(tile, *blocks))
         some.append(tile[-first % every :: every].copy())  # a view would keep the tile
-    strongest = level_db(np.concatenate(maxima))  # maxima of powers: a logarithm of every cell takes ten times as long
+    # maxima of powers: a logarithm of every cell takes ten times as long
+    strongest = level_db(np.concatenate(maxima))
     finite = strongest[np.isfinite(strongest)]
     low, high = -1.0, 0.0
     if finite.size:  # limits of finite levels, within 160 dB

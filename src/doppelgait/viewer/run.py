@@ -52,7 +52,7 @@ def match_truths(recording: Recording, results: Sequence[Result]) -> list[Target
         if result.gate.source == "truth":
             found[number] = number if number < len(recording.truth) else None
         elif result.gate.source == "given":
-            # The body that is inside a fixed gate for most of the time; None where there are several or none.
+            # The body that is inside a fixed gate for most of the time; None for several or none.
             low_m, high_m = float(result.gate.low_m[0]), float(result.gate.high_m[0])
             ranges_m = [one.centre_range_m for one in recording.truth]
             inside = [n for n, each_m in enumerate(ranges_m) if low_m < np.nanmedian(each_m) < high_m]
@@ -130,7 +130,8 @@ TRACK_FACTS = (
 )
 """Quality of the whole track, repeated for each of its segments."""
 MOST_ANALYSES = 2
-"""Largest number of stored analyses of a run, by gate and settings; an analysis of a minute at 1 kHz needs 150 MB."""
+"""Largest number of stored analyses of a run, by gate and settings; that of a minute at 1 kHz
+needs 150 MB."""
 MOST_KEPT = 20  # largest number of other stored values of a run; each is a few numbers
 
 
@@ -214,7 +215,8 @@ class Run:
         """Return the frames without clutter, as they are analysed."""
         analysis = self.analysis(gate, changes)
         key = clutter_key(analysis)
-        if self._clean is None or self._clean[0] != key:  # only one is stored: it may be as large as the recording
+        # only one is stored: it may be as large as the recording
+        if self._clean is None or self._clean[0] != key:
             self._clean = None
             frames = self.require_recording().frames.find_bursts()
             self._clean = key, clean_frames(frames, analysis)

@@ -83,8 +83,7 @@ def _prepare_server(
 ) -> Iterator[Prepared]:
     """Return a prepared server, its socket and address."""
     check_installed()
-    from doppelgait.viewer.app import make_app
-    from doppelgait.viewer.limits import make_server
+    from doppelgait.viewer.app import make_app, make_server
 
     token = secrets.token_urlsafe(TOKEN_BYTES)
     with open_socket(port) as listener:
@@ -160,7 +159,8 @@ def check_installed() -> None:
 
 def open_socket(port: int) -> socket.socket:
     """Open a socket that listens on localhost only."""
-    # the protocol is set explicitly: otherwise asyncio delays the body of an answer by 40 ms, until the client's ACK
+    # the protocol is set explicitly: otherwise asyncio delays the body of an answer by 40 ms,
+    # until the client's ACK
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     # on Windows "reuse" would allow another program to use the same port
     alone = getattr(socket, "SO_EXCLUSIVEADDRUSE", None)

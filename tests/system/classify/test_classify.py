@@ -22,7 +22,7 @@ from doppelgait.classify.evaluation import Options, choose_folds, evaluate, hold
 from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.model import row_weights
 from doppelgait.classify.model_file import load_model, save_model
-from doppelgait.classify.report import format_adaptation_table, format_unknown_table, make_figures, write_report
+from doppelgait.classify.report import ADAPTATION_TEXT, UNKNOWN_TEXT, list_sections, make_figures, write_report
 from doppelgait.classify.training import BOOSTING, Kind, fit
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.dataset.open import Dataset
@@ -521,7 +521,7 @@ def test_kinds_that_were_not_learnt_are_scored_apart():
     scores = found.document["models"]["six-logistic"]["unknown"]
     assert scores == {"cat": {"n": int(cats.sum()), "auc": 1.0, "auc_of_probability": ANY,
                               "decided": {"human": 0.0, "dog": 0.0}}}  # fmt: skip
-    assert format_unknown_table(found.document)[0]["AUC of the distance"] == "1.000"
+    assert list_sections(found.document)[UNKNOWN_TEXT][0]["AUC of the distance"] == "1.000"
     assert "unknown" not in found.document["models"]["speed"]
     # people of another name are not told from people, and most are called so
     others = made_up(40, seed=3, identity="z")
@@ -540,7 +540,7 @@ def test_models_are_adapted_to_own_recordings(tmp_path):
     assert curve[-1]["balanced_accuracy"] > curve[-1]["before"] + 0.04
     assert found.models["six-logistic"].facts.n_own > 140
     assert load_model(save_model(found.models["six-logistic"], tmp_path / "own.npz")).facts.n_own > 140
-    assert format_adaptation_table(found.document)[0]["own recordings of a class"] == "0"
+    assert list_sections(found.document)[ADAPTATION_TEXT][0]["own recordings of a class"] == "0"
     page = write_report(found, tmp_path / "report")[-1].read_text()
     assert "Adapted to own recordings" in page
     assert (tmp_path / "report" / "adaptation.png").is_file()

@@ -19,7 +19,7 @@ import pytest
 from dataset_plans import put_index
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
-from doppelgait.dataset import open_dataset
+from doppelgait.dataset import export, open_dataset
 from doppelgait.dataset.export import EXPORTERS, PLACES, Zarr, export_dataset, make_file_name, refuse_unreleasable
 from doppelgait.dataset.open import Dataset
 from doppelgait.radar import Radar, read_recording
@@ -176,7 +176,7 @@ def test_zarr_by_xarray(dataset, tmp_path):
 
 
 def test_zarr_of_axes_that_differ(dataset, tmp_path, monkeypatch):
-    pytest.importorskip("zarr")
+    zarr = pytest.importorskip("zarr")
     import xarray as xr
 
     def shifted(self, number, name, original=Dataset.stored):
@@ -190,6 +190,9 @@ def test_zarr_of_axes_that_differ(dataset, tmp_path, monkeypatch):
     assert found["time_s"].dims == ("example", "time")
     for number, example in enumerate(dataset["train"]):
         assert np.array_equal(found["time_s"].values[number], example.signature.time.values)
+    group = zarr.open_group(store, mode="a")
+    export._write_whole(group, "untracked", np.empty((0, 0)), ("picture", "slice", "column", "cell"))
+    assert group["untracked"].shape == (0, 0)
 
 
 def test_without_zarr_one_error(dataset, tmp_path, monkeypatch):

@@ -69,14 +69,11 @@ def wall(planned, tmp_path_factory):
     return open_dataset(folder)
 
 
-def test_every_row_has_the_warnings_and_flags_of_its_simulation(planned, wall):
+@pytest.mark.parametrize("pulses", [4096, 300])
+def test_every_row_has_the_warnings_and_flags_of_its_simulation(planned, wall, monkeypatch, pulses):
+    monkeypatch.setattr("doppelgait.dataset.feasibility.BLOCK_PULSES", pulses)
     rows = wall.index.set_index("id")
-    found = [
-        row
-        for example in sample_examples(planned)
-        for row in find_limits(example, planned.folder)
-        if row.id in rows.index
-    ]
+    found = [row for e in sample_examples(planned) for row in find_limits(e, planned.folder) if row.id in rows.index]
     assert len(found) == len(rows) >= 24
     for row in found:
         stated = [name for name in LIMITS if name in rows.warnings[row.id].split(";")]

@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from functools import cache
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,7 @@ import pytest
 from dataset_plans import dataset_hash
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
-from doppelgait.dataset import open_dataset
+from doppelgait.dataset import motions, open_dataset
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.motions import expand_folders
@@ -192,7 +193,9 @@ def walks(tmp_path):
     return tmp_path
 
 
-def test_a_folder_gives_its_straight_stretches_in_turn_and_loops_short_ones(walks):
+def test_a_folder_gives_its_straight_stretches_in_turn_and_loops_short_ones(walks, monkeypatch):
+    find = Mock(wraps=motions.find_segments)
+    monkeypatch.setattr(motions, "find_segments", find)
     with pytest.warns(DoppelgaitWarning, match=r"1 of 4 files are left out: walks/notes\.txt"):
         expanded = expand_folders(folder_plan(), walks)
     tables = expanded.classes[0].motion["cycle"]
@@ -203,6 +206,7 @@ def test_a_folder_gives_its_straight_stretches_in_turn_and_loops_short_ones(walk
     assert len(unlooped.classes[0].motion["cycle"]) == 2
     laid_out = plan_dataset(folder_plan(pattern="*.csv"), folder=walks)
     assert [e.subjects[0] for e in laid_out.examples] == 2 * [f"file/walks/take_{n}.csv" for n in range(3)]
+    assert find.call_count == 3  # once for three plans
     ((row, _),) = rows_of(folder_plan(pattern="*.csv"), number=1, folder=walks)
     assert row["truth_ground_speed_mps"] == pytest.approx(1.3, rel=0.03)
     assert row["recording"] == "walks/take_1.csv"

@@ -57,7 +57,7 @@ def test_can_be_pickled_without_the_index(dataset):
     data = dataset.torch()
     copy = pickle.loads(pickle.dumps(data))
     assert torch.equal(copy[7][0], data[7][0])
-    assert set(data.dataset.index.columns) == {"id", "label", "shard", "row", "scene_id", "prf_hz", "carrier_hz"}
+    assert set(data.read.args[0].index.columns) == {"id", "shard", "row", "scene_id", "prf_hz", "carrier_hz"}
 
 
 def test_wrong_requests(dataset):

@@ -51,7 +51,7 @@ def test_a_shard_of_another_plan_with_the_same_ids_is_built_again(copy, built, t
     name = "train-00000-of-00001"
     for ending in ("h5", "json"):
         shutil.copy(tmp_path / "other" / "shards" / f"{name}.{ending}", copy / "shards")
-    (state,) = [shard.state for shard in read_dataset_status(copy).shards if shard.name == name]
+    state = read_dataset_status(copy).shards[name]
     assert state == "damaged"
     assert {"files", "shards"} <= failed(copy) - usual
     dataset = open_dataset(copy)

@@ -9,7 +9,7 @@ import pytest
 from checkout import ROOT
 from doppelgait.dataset.finish import DATA_VERSION
 
-PAGES = sorted(path for path in (ROOT / "docs" / "evidence").glob("*.md") if path.stem != "index")
+PAGES = sorted(path for path in (ROOT / "docs" / "evidence").glob("*.md") if path.stem not in ("index", "reliability"))
 DOC = """Sizes of things.
 
     python studies/sizes.py FOLDER --page

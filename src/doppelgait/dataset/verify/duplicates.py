@@ -32,8 +32,6 @@ All rows are compared for identity."""
 
 KINDS = {"group": "groups", "subject": "subjects", "recording": "recordings", "scene_id": "scenes"}
 
-Pair = tuple[float, int, int]
-
 
 def check_groups(contents: Contents) -> Check:
     """Check that no subject or other group crosses splits."""
@@ -168,7 +166,7 @@ def _find_equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list
 
 def _find_nearest(
     rows: npt.NDArray[np.int64], others: npt.NDArray[np.int64], pictures: dict[int, Float32Array]
-) -> Iterator[Pair]:
+) -> Iterator[tuple[float, int, int]]:
     """Yield the nearest of ``others`` to each of ``rows``."""
     from sklearn.metrics import pairwise_distances_argmin_min
 

@@ -1,13 +1,9 @@
 """Leakage test: classes predicted from nuisance parameters.
 
-A Bayes classifier adds the log-likelihood ratios of cells: quantile bins of every parameter and
-coarser ones of every pair. Each term counts by how much of its G statistic exceeds twice its
-degrees of freedom, so that parameters without information have no effect. Training is counting: a
-thousand permutations of the labels are a few matrix products.
-
-One statistic, the accuracy of all parameters together, is compared with that of permuted labels, so
-that the number of parameters needs no correction. A table without a leak is called leaky in less
-than one case in 10 000.
+A Bayes classifier adds the log-likelihood ratios of quantile bins of every parameter and of every
+pair. Each term counts by how much of its G statistic exceeds twice its degrees of freedom. The
+accuracy of all parameters together is compared with that of permuted labels, so that the number of
+parameters needs no correction.
 """
 
 from __future__ import annotations
@@ -73,12 +69,8 @@ class Guess:
         return {name: None if value != value else value for name, value in known.items()}
 
 
-@dataclass(frozen=True)
-class Cells:
-    """Cells of the rows of a table. Shapes: members (n, n_cells); starts (n_terms,)."""
-
-    members: Float32Array
-    starts: IntArray
+Cells = tuple[Float32Array, IntArray]
+"""Cells of the rows of a table: members (n, n_cells), and the first cell of every term (n_terms,)."""
 
 
 def guess_classes(table: pd.DataFrame, rng: np.random.Generator, *, only_leaks: bool = False) -> Guess:
@@ -115,7 +107,7 @@ def make_cells(columns: Sequence[pd.Series]) -> Cells:
         terms += [one * (PAIR_BINS + 1) + two for one, two in combinations(coarse, 2)]
     blocks = [(term[:, None] == np.unique(term)).astype(np.float32) for term in terms]
     ends = np.cumsum([block.shape[1] for block in blocks])
-    return Cells(np.hstack(blocks), np.append(0, ends[:-1]))
+    return np.hstack(blocks), np.append(0, ends[:-1])
 
 
 def bin_values(column: pd.Series, count: int) -> IntArray:
@@ -151,19 +143,20 @@ def score_folds(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[
 def _compute_log_ratios(cells: Cells, test: npt.NDArray[np.bool_], labels: IntArray, n_classes: int) -> Float32Array:
     """Return the log-likelihood ratio of every class against all rows."""
     # The ratios are those of the rows of a fold, with shape (n_classes, n_test, P).
-    train = cells.members[~test]
+    members, starts = cells
+    train = members[~test]
     spread = (train.mean(axis=0) + 1e-6)[:, None]
-    ratios, strength = [], np.zeros((len(cells.starts), labels.shape[1]), dtype=np.float32)
+    ratios, strength = [], np.zeros((len(starts), labels.shape[1]), dtype=np.float32)
     for number in range(n_classes):
         member = (labels == number).astype(np.float32)
         counts = train.T @ member
         ratio = np.log((counts + PRIOR_ROWS * spread) / (member.sum(axis=0) + PRIOR_ROWS) / spread)
-        strength += 2.0 * np.add.reduceat(counts * ratio, cells.starts, axis=0)
+        strength += 2.0 * np.add.reduceat(counts * ratio, starts, axis=0)
         ratios.append(ratio)
-    sizes = np.diff(np.append(cells.starts, cells.members.shape[1]))
+    sizes = np.diff(np.append(starts, members.shape[1]))
     freedom = ((sizes - 1) * (n_classes - 1))[:, None]
     weight = np.maximum(1.0 - 2.0 * freedom / np.maximum(strength, 1e-9), 0.0).repeat(sizes, axis=0)
-    return np.stack([cells.members[test] @ (weight * ratio).astype(np.float32) for ratio in ratios])
+    return np.stack([members[test] @ (weight * ratio).astype(np.float32) for ratio in ratios])
 
 
 def balanced_accuracy(labels: IntArray, guesses: IntArray, n_classes: int) -> npt.NDArray[np.float64]:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -29,38 +29,29 @@ from doppelgait.dataset.verify.leakage import check_nuisance
 from doppelgait.features import FEATURE_UNITS
 
 Need = Literal["rows", "plan", "version", "simulated"]
-
-
-class Row(NamedTuple):
-    """Row of the table of checks: name, function, and what it needs."""
-
-    name: str
-    find: Callable[[Contents], Check]
-    needs: tuple[Need, ...] = ("rows",)
-
-
-CHECKS = (
-    Row("files", integrity.check_files, ()),
-    Row("shards", integrity.check_shards, ()),
-    Row("contents", integrity.check_contents, ()),
-    Row("index", integrity.check_index, ()),
-    Row("splits", integrity.check_split_lists, ()),
-    Row("leftovers", integrity.check_leftovers, ()),
-    Row("identity", integrity.check_identity, ("plan", "version")),
-    Row("rows", integrity.check_rows, ("rows", "plan")),
-    Row("class balance", integrity.check_balance),
-    Row("re-simulation", truth.check_resimulation, ("rows", "plan", "version")),
-    Row("measured SNR", truth.check_measured_snr, ("rows", "plan", "version")),
-    Row("torso velocity", truth.check_velocity),
-    Row("gait frequency", truth.check_gait_frequency),
-    Row("planned SNR", truth.check_snr, ("rows", "plan")),
-    Row("aspect", truth.check_aspect, ("rows", "plan")),
-    Row("visible targets", truth.check_visible_targets, ("rows", "simulated")),
-    Row("feasibility", truth.check_feasibility, ("rows", "simulated")),
-    Row("groups", check_groups),
-    Row("duplicates", check_duplicates),
-    Row("nuisance", check_nuisance),
+CHECKS: tuple[tuple[str, Callable[[Contents], Check], tuple[Need, ...]], ...] = (
+    ("files", integrity.check_files, ()),
+    ("shards", integrity.check_shards, ()),
+    ("contents", integrity.check_contents, ()),
+    ("index", integrity.check_index, ()),
+    ("splits", integrity.check_split_lists, ()),
+    ("leftovers", integrity.check_leftovers, ()),
+    ("identity", integrity.check_identity, ("plan", "version")),
+    ("rows", integrity.check_rows, ("rows", "plan")),
+    ("class balance", integrity.check_balance, ("rows",)),
+    ("re-simulation", truth.check_resimulation, ("rows", "plan", "version")),
+    ("measured SNR", truth.check_measured_snr, ("rows", "plan", "version")),
+    ("torso velocity", truth.check_velocity, ("rows",)),
+    ("gait frequency", truth.check_gait_frequency, ("rows",)),
+    ("planned SNR", truth.check_snr, ("rows", "plan")),
+    ("aspect", truth.check_aspect, ("rows", "plan")),
+    ("visible targets", truth.check_visible_targets, ("rows", "simulated")),
+    ("feasibility", truth.check_feasibility, ("rows", "simulated")),
+    ("groups", check_groups, ("rows",)),
+    ("duplicates", check_duplicates, ("rows",)),
+    ("nuisance", check_nuisance, ("rows",)),
 )
+"""Name and function of every check, and what it needs."""
 
 
 def find_obstacles(contents: Contents) -> dict[Need, Check]:
@@ -144,18 +135,18 @@ def verify_dataset(
     plan, no_plan = read_plan(description, folder or Path.cwd(), len(index))
     contents = Contents(target, description, index, plan, no_plan, files, share, rng, tick)
     unmet, checks = find_obstacles(contents), list[Check]()
-    for row in CHECKS:
-        obstacle = next((unmet[need] for need in row.needs if need in unmet), None)
+    for name, find, needs in CHECKS:
+        obstacle = next((unmet[need] for need in needs if need in unmet), None)
         try:
-            checks.append(replace(obstacle or row.find(contents), name=row.name))
-            total += len(contents.chosen) if row.name == "rows" else 0
+            checks.append(replace(obstacle or find(contents), name=name))
+            total += len(contents.chosen) if name == "rows" else 0
         except Exception as error:
             start = "the check stopped"
             if checks and checks[0].status != "passed":
                 start = "files are damaged, and the check stopped at it"
             elif not isinstance(error, OSError | DoppelgaitError):
                 raise
-            checks.append(Check("failed", f"{start}: {error}", name=row.name))
+            checks.append(Check("failed", f"{start}: {error}", name=name))
     pages = plot_sheets(contents, figures, rng, figure_format) if figures is not None else []
     return Verification(
         directory=target,
@@ -188,7 +179,12 @@ def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator, form
         for number in rng.permutation(members).tolist():
             example = contents.dataset.example(number)
             if "signature" in example.arrays:
-                shown[number] = divide_by_floor(example.signature, example.row.get("quality_noise_floor_v2"))
+                floor_v2, signature = example.row.get("quality_noise_floor_v2"), example.signature
+                level = float(floor_v2 or 0.0)
+                level = level if level > 0 else float(signature.median())
+                step = max(1, signature.sizes["time"] // MAX_TIMES)
+                over = signature[::step] / (level if level > 0 else 1.0)
+                shown[number] = over.assign_attrs({**signature.attrs, "units": "1"})
             if len(shown) == SHEET_SIZE:
                 break
         if not shown:
@@ -215,10 +211,3 @@ def _describe_row(row: pd.Series) -> str:
         parts += [unit.format(known[0])] if known else []
     number = str(row["id"]).removeprefix(f"{row['label'].replace(' ', '_')}-").lstrip("0") or "0"
     return f"{number}: {', '.join(parts)}" if parts else number
-
-
-def divide_by_floor(signature: xr.DataArray, floor_v2: float | None) -> xr.DataArray:
-    """Divide a signature by its noise floor, or else its median."""
-    level = float(floor_v2) if floor_v2 is not None and floor_v2 > 0 else float(signature.median())
-    over = signature[:: max(1, signature.sizes["time"] // MAX_TIMES)] / (level if level > 0 else 1.0)
-    return over.assign_attrs({**signature.attrs, "units": "1"})

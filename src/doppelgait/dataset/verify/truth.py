@@ -1,8 +1,7 @@
 """Checks of features against truth, class by class, and of rows against a repeated simulation.
 
 A check of a class fails where fewer than :data:`MIN_SHARE` of its rows are within the tolerance, by a
-one-sided binomial test at 0.1 %. A wrong sign, unit, label or truth hits nearly every row and fails from
-seven rows on; single wrong estimates never do. :mod:`doppelgait.features` has the rates of the estimators.
+one-sided binomial test: a wrong sign, unit or label fails, single wrong estimates never do.
 """
 
 from __future__ import annotations

@@ -18,8 +18,16 @@ from doppelgait.radar.impairments.apply import (
     make_impairment,
     shift_pulse_times,
 )
-from doppelgait.radar.impairments.mixer import DcLeak, IqImbalance, PhaseNoise, image_ratio_db
-from doppelgait.radar.impairments.recorder import Adc, DroppedFrames, FrameJitter, X4Counts, x4_frame_rate_hz
+from doppelgait.radar.impairments.receiver import (
+    Adc,
+    DcLeak,
+    DroppedFrames,
+    FrameJitter,
+    IqImbalance,
+    PhaseNoise,
+    X4Counts,
+    x4_frame_rate_hz,
+)
 
 __all__ = [
     "IMPAIRMENTS",
@@ -40,7 +48,6 @@ __all__ = [
     "ThermalNoise",
     "X4Counts",
     "apply_impairments",
-    "image_ratio_db",
     "make_impairment",
     "noise_power_per_sample_v2",
     "shift_pulse_times",

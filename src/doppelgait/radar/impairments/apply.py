@@ -43,11 +43,7 @@ class ShiftTimes(Protocol):
 
 IMPAIRMENTS: Group[Apply] = Group(
     "impairment",
-    built_in=(
-        "doppelgait.radar.impairments.additive",
-        "doppelgait.radar.impairments.mixer",
-        "doppelgait.radar.impairments.recorder",
-    ),
+    built_in=("doppelgait.radar.impairments.additive", "doppelgait.radar.impairments.receiver"),
 )
 """Impairments by the ``kind`` of a scene file's ``[[impairments]]``."""
 

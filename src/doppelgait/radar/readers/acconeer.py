@@ -18,7 +18,7 @@ from pydantic import AliasChoices, BeforeValidator, Field
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.documents import check_cost, parse_json
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
-from doppelgait.core.own_hdf5 import FAULTS, is_hdf5, open_hdf5
+from doppelgait.core.own_hdf5 import FAULTS, find_signature, open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.core.readers import Limits
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray
@@ -142,7 +142,7 @@ LATE_TICKS = 1.5
 
 
 def _list_root_names(path: Path, head: bytes) -> set[str]:
-    if not head or not is_hdf5(path):
+    if find_signature(head) is None:
         return set()
     try:
         with open_hdf5(path, members=False) as file:
@@ -259,8 +259,6 @@ def _label_pulses(
 
 
 def _open(path: Path, *which: int) -> Entry:
-    if not is_hdf5(path):
-        raise RecordingError(f"{path}: is not an HDF5 file; only files of Acconeer's exploration tool are read")
     try:
         with open_hdf5(path, soft_links=True) as file:
             return _read_entry(path, file, *which)

@@ -422,13 +422,15 @@ def _read_samples(
 ) -> npt.NDArray[np.complex64] | npt.NDArray[np.float32]:
     """Return the sorted samples of a file, shape (pulses, samples), V."""
     size, n_parts, four = chirps.n_samples, 1 if chirps.output == "real" else 2, chirps.device in FOUR_LANES
-    shape = (n_frames * chirps.loops, chirps.chirps_per_loop, n_parts * _count_channels(chirps) * size)
-    numbers = np.memmap(file, dtype="<i2", mode="r", shape=shape)
-    out: npt.NDArray[Any] = np.zeros((len(numbers), size), np.float32 if n_parts == 1 else np.complex64)
-    step = max(1, BLOCK // shape[2])
+    width = n_parts * _count_channels(chirps) * size
+    out: npt.NDArray[Any] = np.zeros((n_frames * chirps.loops, size), np.float32 if n_parts == 1 else np.complex64)
+    step = max(1, BLOCK // width)
     for begin in range(0, len(out), step):
-        block = numbers[begin : begin + step, chirp].astype(np.float32)
-        rows = len(block)
+        rows, offset = min(step, len(out) - begin), 2 * begin * chirps.chirps_per_loop * width
+        numbers = np.fromfile(file, "<i2", rows * chirps.chirps_per_loop * width, offset=offset)
+        if numbers.size < rows * chirps.chirps_per_loop * width:
+            raise RecordingError(f"{file}: was truncated while it was read")
+        block = numbers.reshape(rows, chirps.chirps_per_loop, width)[:, chirp].astype(np.float32)
         for receiver in chosen:
             if four:
                 parts = block.reshape(rows, size, n_parts, 4)[..., receiver]

@@ -85,7 +85,7 @@ def _make_walking_signature() -> xr.DataArray:
 
 
 def check_classifier(name: str, *, seed: int = 0) -> None:
-    """Check the contract of a classifier, :class:`doppelgait.classify.training.Trainer`.
+    """Check the contract of a classifier, :data:`doppelgait.classify.training.Trainer`.
 
     It is trained on artificial rows from ``seed``. An ``AssertionError`` names the broken rule:
     registration, a result in one of the forms that a model file keeps, probabilities of two and of
