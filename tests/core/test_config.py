@@ -8,10 +8,12 @@ from pydantic import Field, model_validator
 
 import doppelgait as dg
 from checkout import ROOT
+from doppelgait.classify.model_file import open_model
+from doppelgait.cli.simulate import DEMO
 from doppelgait.core import config
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.core.plugins import list_plugin_groups
-from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.pipeline import Noise, Run, parse_radar, parse_run
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, list_preset_names
@@ -184,6 +186,28 @@ def refusal(build) -> str:
     except ConfigError as error:
         return str(error)
     return ""
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Radar(prf=1), r"prf: unknown key; allowed are .*did you mean prf_hz\?"),
+        (lambda: Target("Boulic"), r"'Boulic'; known are: file, .*did you mean boulic\?"),
+        (lambda: open_model("X4"), r"shipped models are .*did you mean x4\?"),
+        (lambda: load_plan("home-alrm"), r"built-in plans are: .*did you mean home-alarm\?"),
+        (lambda: load_plan(DEMO), r"is a scene, not a plan: doppelgait simulate .*demo\.toml"),
+        (lambda: parse_run({"dataset": {}}, where="a.toml"), "a plan, not a scene: doppelgait dataset build a.toml"),
+    ],
+)
+def test_a_wrong_name_or_file_is_refused_with_what_was_meant(make, words) -> None:
+    with pytest.raises(ConfigError, match=words):
+        make()
+
+
+def test_names_of_a_model_are_its_own() -> None:
+    shown = {*dir(Radar), *dir(Radar.preset("x4"))}
+    assert {"preset", "from_toml", "prf_hz", "wavelength_m", "replace"} <= shown
+    assert not {"model_construct", "copy", "parse_obj", "model_validate_json"} & shown
 
 
 def test_an_unknown_parameter_is_refused_with_what_is_allowed() -> None:

@@ -12,10 +12,8 @@ import typer
 from doppelgait.classify.options import WindowOptions, name_flag, takes_options
 from doppelgait.cli.output import (
     AsJson,
-    DpiOption,
     FigureFormat,
     FigureOption,
-    StyleOption,
     check_output,
     explain_reader_options,
     format_number,
@@ -98,8 +96,8 @@ def analyze(
     options: ReaderOptions = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to write figures into.")] = None,
     figure_format: FigureOption = FigureFormat.png,
-    style: StyleOption = "screen",
-    dpi: DpiOption = None,
+    style: Annotated[str, typer.Option("--style", help="screen, or paper: no titles.")] = "screen",
+    dpi: Annotated[float | None, typer.Option(min=20, max=2400, help="Pixels per inch.")] = None,
     as_json: AsJson = False,
     **windows: Any,
 ) -> None:
@@ -134,12 +132,10 @@ def analyze(
     if output is not None:
         write_results(output, loaded, results)
     if figures is not None:
-        from doppelgait.cli.figures import make_figures, save_figures
+        from doppelgait.cli.figures import save_figures
 
-        plots = make_figures(loaded, results, settings.resolved(choice))
-        if style == "paper":  # an overview is a page of its own
-            plots = (each for each in plots if not each[0].endswith("overview"))
-        for path in save_figures(plots, figures, figure_format, style=style, dpi=dpi):
+        analysed, look = (loaded, results, settings.resolved(choice)), {"style": style, "dpi": dpi}
+        for path in save_figures(*analysed, folder=figures, form=figure_format, **look):
             print_message(f"figure: {path}")
     if as_json:
         print_json(describe_results(loaded, results))

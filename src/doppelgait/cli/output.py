@@ -175,18 +175,9 @@ def format_duration(seconds: float) -> str:
     return f"{seconds:.0f} s"
 
 
-class FigureFormat(StrEnum):
-    """Formats of figure files."""
-
-    png = "png"
-    svg = "svg"
-    pdf = "pdf"
-
-
+FigureFormat = StrEnum("FigureFormat", ["png", "svg", "pdf"])
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 FigureOption = Annotated[FigureFormat, typer.Option("--format", help="Format of the figures.")]
-StyleOption = Annotated[str, typer.Option("--style", help="screen, or paper: 3.5 or 7.2 inches, 8 pt, no titles.")]
-DpiOption = Annotated[float | None, typer.Option("--dpi", help="Pixels per inch of the figures.", min=20, max=2400)]
 PageFigureOption = Annotated[
     FigureFormat, typer.Option("--format", help="Format of the figures; svg and pdf are in addition to the page's png.")
 ]

@@ -26,6 +26,8 @@ _TAG = re.compile(r".*[\[({].*|str|int|float|bool|bytes|none|any|dict|list|tuple
 """Names that Pydantic adds to the location of a fault, for the member of a union or the key of a mapping."""
 _NAMED_KEY = re.compile(r"(\w+(?:\.\w+)*): ")  # pattern of a key at the start of a message
 
+_FOREIGN = {name for name in dir(BaseModel) if name[0] != "_"} - {"model_dump", "model_fields"}
+
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass as _Checked
 else:
@@ -49,8 +51,7 @@ else:
             except ValidationError as error:
                 raise _make_error(f"{cls.__name__}: ", _find_faults(error, cls, data)) from None
 
-        def __dir__(cls) -> list[str]:
-            """Name what belongs to the model, without what pydantic adds for itself."""
+        def __dir__(cls) -> list[str]:  # without what pydantic adds for itself
             return sorted({*super().__dir__(), *cls.model_fields} - _FOREIGN)
 
 
@@ -58,9 +59,6 @@ def _is_sensible(value: Any, least: float) -> bool:
     if isinstance(value, list | tuple):
         return all(_is_sensible(inner, least) for inner in value)
     return type(value) is not float or not math.isfinite(value) or least <= abs(value or 1) <= MAX_SIZE
-
-
-_FOREIGN = {name for name in dir(BaseModel) if not name.startswith("_")} - {"model_dump", "model_fields"}
 
 
 class FrozenModel(BaseModel, metaclass=_Checked):

@@ -127,8 +127,8 @@ def plugin(
         model = parameters
         if model is None and isinstance(item, type) and issubclass(item, FrozenModel):
             model = item
-        if (model is None and group == "motion_model") or not (model is None or issubclass(model, FrozenModel)):
-            raise ConfigError(f"plugin({group!r}): needs parameters=, a class derived from doppelgait.FrozenModel")
+        if not (issubclass(model, FrozenModel) if model else group != "motion_model"):
+            raise ConfigError(f"plugin({group!r}): needs parameters=, a doppelgait.FrozenModel")
         key = name
         if key is None and model is not None and "kind" in model.model_fields:
             key = model.model_fields["kind"].default

@@ -231,13 +231,7 @@ class DatasetSection(FrozenModel):
         return leaks
 
 
-def _check_label(label: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9 _.-]+", label):
-        raise ValueError("may contain letters, digits, space and _ . - only")
-    return label
-
-
-Label = Annotated[str, Field(min_length=1), AfterValidator(_check_label)]
+Label = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9 _.-]+$")]
 
 
 class ClassSection(FrozenModel):

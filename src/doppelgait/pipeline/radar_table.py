@@ -60,10 +60,10 @@ def parse_radar(
                     source = str((folder or Path()) / source)
                 stated = read_preset(source)
             found = resolve(stated, seed=seed, example=example, key="preset")
-            own = {*Radar.model_fields, *FITTED_KEYS}
+            own = sorted({*Radar.model_fields, *FITTED_KEYS})
             for key, value in found.items():
                 if key not in own:
-                    raise ConfigError(f"{key}: unknown key; allowed are {list_choices(sorted(own), key)}")
+                    raise ConfigError(f"{key}: unknown key; allowed are {list_choices(own, key)}")
                 if isinstance(value, Mapping) and key not in ("waveform", "antenna"):
                     laws = ", ".join((*DISTRIBUTIONS, CYCLE))
                     raise ConfigError(f"{key} = {value}: needs a number, or a table with one of {laws}")

@@ -132,7 +132,7 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     """
     unknown = sorted(set(table) - set(SECTIONS))
     if "dataset" in unknown:
-        raise ConfigError(f"{where}: is the plan of a dataset, not a scene: doppelgait dataset build {where}")
+        raise ConfigError(f"{where}: is a plan, not a scene: doppelgait dataset build {where}")
     if unknown:
         places = ", ".join(key + format_line_note(text, [key]) for key in unknown)
         raise ConfigError(f"{where}: {places}: unknown key; allowed are {', '.join(SECTIONS)}")

@@ -18,14 +18,7 @@ import numpy.typing as npt
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import (
-    ConfigError,
-    DoppelgaitError,
-    DoppelgaitWarning,
-    MotionError,
-    list_choices,
-    warn_caller,
-)
+from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning, MotionError, warn_caller
 from doppelgait.core.notebook import show_html
 from doppelgait.core.rng import Streams
 from doppelgait.core.units import FloatArray
@@ -367,12 +360,9 @@ def build_motion(
 
 def _check_model(table: Mapping[str, Any]) -> FrozenModel:
     """Return the checked parameters of a model's table."""
-    from doppelgait.motion.models.registry import MOTION_MODELS, check_table
+    from doppelgait.motion.models.registry import check_table
 
-    kind = str(table["kind"])
-    if kind not in MOTION_MODELS:
-        raise ConfigError(f"unknown kind {kind!r}; known are: file, {list_choices(MOTION_MODELS, kind)}")
-    return check_table(table, where=f"kind {kind!r}").parameters
+    return check_table(table, where=f"kind {table['kind']!r}").parameters
 
 
 def _read_clip(options: dict[str, Any], folder: Path | None) -> Motion:

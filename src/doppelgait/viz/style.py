@@ -26,7 +26,7 @@ from doppelgait.core.labels import STEP_LENGTHS
 DPI = 110
 FIGURE_FORMATS = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
 """Formats of figure files, each with the metadata that are left out because they depend on date and version."""
-FILE_SETTINGS = {"svg.hashsalt": "doppelgait", "pdf.fonttype": 42}
+FILE_SETTINGS: Any = {"svg.hashsalt": "doppelgait", "pdf.fonttype": 42}
 """The names of parts of an SVG file are otherwise random; journals refuse fonts of type 3."""
 PAPER_IN, PAPER_PT, PAPER_DPI = (3.5, 7.2), 8, 300
 """Widths of one column and of two, text and resolution of a journal."""
@@ -153,6 +153,11 @@ def draw_grid(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
+def write_note(axes: Axes, text: str, at: tuple[float, float], colour: str, **look: Any) -> None:
+    """Write a short text next to a point of the axes."""
+    axes.annotate(text, at, color=colour, **{"fontsize": 9, "ha": "center", "va": "bottom", **look})
+
+
 def place_legend(axes: Axes, where: Literal["figure", "panel", "inside"] = "figure", *, columns: int = 6) -> None:
     """Put a legend below the figure or the panel, or inside it."""
     handles, labels = axes.get_legend_handles_labels()
@@ -185,20 +190,18 @@ def fit_to_paper(figure: Figure) -> None:
     figure.suptitle("")
     for axes in figure.axes:
         for side in ("left", "center", "right"):
-            axes.set_title("", loc=side)  # type: ignore[call-overload]
+            axes.set_title("", loc=side)
         axes.tick_params(labelsize=PAPER_PT)
     for legend in list(figure.legends):  # one entry below the other
-        entries = {"handles": legend.legend_handles, "labels": [text.get_text() for text in legend.get_texts()]}
+        entries: Any = legend.legend_handles, [text.get_text() for text in legend.get_texts()]
         legend.remove()
-        figure.legend(**entries, loc="outside lower center", frameon=False)
+        figure.legend(*entries, loc="outside lower center", frameon=False)
     for text in figure.findobj(Text):
-        words = text.get_text().replace(VELOCITY_LABEL, SHORT_VELOCITY_LABEL)  # type: ignore[attr-defined]
+        words = text.get_text().replace(VELOCITY_LABEL, SHORT_VELOCITY_LABEL)
         text.set(fontsize=PAPER_PT, text=re.sub(r", \d+ dB shown$", "", words))
 
 
-def save_figure(
-    figure: Figure, path: str | Path, *, dpi: float | None = None, style: Literal["screen", "paper"] = "screen"
-) -> Path:
+def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None, style: str = "screen") -> Path:
     """Write a figure as PNG, SVG or PDF, atomically.
 
     The same input gives the same bytes, provided that the figure was not rendered before: each
@@ -212,7 +215,7 @@ def save_figure(
     dpi : float, optional
         Pixels per inch; the figure's own by default.
     style : {"screen", "paper"}
-        ``paper`` changes the figure: 3.5 inches wide, or 7.2 with several panels; 8 pt; 300 dpi; no titles.
+        ``paper`` changes the figure: 3.5 inches, 7.2 with several panels; 8 pt, 300 dpi, no titles.
 
     Returns
     -------
@@ -244,7 +247,7 @@ def save_figure(
         fit_to_paper(figure)
     if form != "png":  # maps keep the resolution of their data
         for picture in figure.findobj(AxesImage):
-            picture.set_interpolation("none")  # type: ignore[attr-defined]
+            picture.set_interpolation("none")
     image = io.BytesIO()
     with _SETTINGS_LOCK, rc_context(FILE_SETTINGS):
         figure.savefig(image, format=form, dpi=dpi or figure.dpi, metadata=dict.fromkeys(FIGURE_FORMATS[form]))

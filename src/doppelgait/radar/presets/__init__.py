@@ -104,8 +104,8 @@ def _parse_built_in(name: str) -> dict[str, Any]:
     if name not in (names := list_preset_names()):
         is_odd = os.path.exists(name) and not os.path.isfile(name)
         words = f"{name!r} is no regular file" if is_odd else f"unknown radar preset {name!r}"
-        titles = {each: str(_parse_built_in(each)["name"]).lower().replace(",", "") for each in names}
-        near = next((each for each, title in titles.items() if name.lower() in (each, *title.split())), name)
-        known = list_choices(names, near)
+        titles = {each: _parse_built_in(each)["name"].lower().replace(",", "") for each in names}
+        near = (each for each, title in titles.items() if name.lower() in (each, *title.split()))
+        known = list_choices(names, next(near, name))
         raise ConfigError(f"{words}; known are: {known}; or give the path of a file that ends in .toml")
     return read_toml(Path(__file__).with_name(f"{name}.toml"))[0]
