@@ -8,7 +8,6 @@ from typing import Any
 import pandas as pd
 import pytest
 from matplotlib import pyplot
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import doppelgait as dg
@@ -120,9 +119,8 @@ def test_plots_take_axes_and_return_them(shown: dict[str, object]) -> None:
     ax = Figure().add_subplot()
     for name in ("Recording", "Result"):
         value = shown[name]
-        assert value.plot(ax=ax) is ax  # type: ignore[attr-defined]
-        assert isinstance(value.plot(title="mine"), Axes)  # type: ignore[attr-defined]
-    assert ax.get_title(loc="left") == "Micro-Doppler signature"
+        assert value.plot(ax=ax, title=name) is ax  # type: ignore[attr-defined]
+    assert ax.get_title(loc="left") == "Result"
 
 
 def test_a_plot_is_a_figure_of_pyplot_and_a_picture_is_none() -> None:

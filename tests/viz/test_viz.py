@@ -519,12 +519,6 @@ def test_overview_shows_doubts_next_to_the_values() -> None:
     assert "?" not in "\n".join(texts(axes) for axes in make_overview().axes)
 
 
-def test_overview_without_anything_determined(tmp_path: Path) -> None:
-    figure = make_overview(features={"step_length_m": float("nan")}, gate=None, gait_frequency_hz=None, flags=())
-    assert viz.save_figure(figure, tmp_path / "page.png").stat().st_size > 0
-    assert "no gait frequency" in "".join(texts(axes) for axes in figure.axes)
-
-
 def test_threads_draw_the_same_bytes(tmp_path: Path) -> None:
     paths = [tmp_path / f"{number}.png" for number in range(4)]
     jobs = [threading.Thread(target=lambda p=p: viz.save_figure(viz.signature(make_signature()), p)) for p in paths]
