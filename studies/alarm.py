@@ -71,11 +71,10 @@ def main() -> None:
             episodes = pd.concat(parts, ignore_index=True)
             ends = bench.score_part(dataset, answers[0])
             at_5 = score_at_threshold(day, episodes, ends["alarm"]["threshold"])
-            plans = [each.plan_config for each in datasets]
-            wrong = [(plan.count_class_examples(one), one) for plan in plans for one in plan.episodes]
-            hours = sum(n * one.animals * one.duration_s for n, one in wrong if not one.should_trigger) / 3600.0
             scored = score_day(day, episodes, model)["thresholds"]
             own = next(scores for scores in scored if scores["model"])
+            animals = {one.label: one.animals for one in day.episodes if not one.should_trigger}
+            hours = sum(kind["hours"] * animals.get(kind["label"], 0) for kind in own["by_episode"])
             rows = format_day({"thresholds": [*scored, at_5 | {"model": False}]})
             rows[-1]["threshold"] += " (5 % missed)"
             rates += [{"model": radar, "day": name, "animal-hours": f"{hours:.1f}", **row} for row in rows]

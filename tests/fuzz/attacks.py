@@ -18,7 +18,7 @@ from readers import TARGETS, body
 
 Attack = Callable[[Path], str]
 ATTACKS: dict[str, Attack] = {}
-READ: set[str] = {"platform_with_blanks", "a_long_word_among_short_ones", "halves_of_characters_in_names"}
+READ = {"platform_with_blanks", "a_long_word_among_short_ones", "halves_of_characters_in_names", "trc_with_no_rate"}
 """Those that may be read, within the limits; all others must be refused."""
 
 
@@ -151,6 +151,12 @@ def frames_with_blanks(text: str) -> str:
 @edited("motion-bvh", "a.bvh")
 def frame_time_with_blanks(text: str) -> str:
     return text.replace("Frame Time: 0.02", "Frame" + " " * 100_000 + "Time" + " " * 100_000 + "1 2")
+
+
+@edited("motion-trc", "a.trc")
+def trc_with_no_rate(text: str) -> str:
+    head = text.split("\n")
+    return "\n".join([*head[:2], "1e-308" + head[2][head[2].index("\t") :], *head[3:]])
 
 
 @edited("motion-trc", "a.trc")

@@ -461,12 +461,6 @@ def test_scatter_leaves_out_unknown_rows_and_counts_them() -> None:
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("torso velocity (m/s)", "step length, radial (m)")
 
 
-def test_scatter_by_another_column_and_with_missing_classes() -> None:
-    table = make_table().assign(gait=["walk"] * 4 + [None] + ["trot"] * 4)
-    axes = viz.feature_scatter(table, x="torso_velocity_mps", y="step_length_m", by="gait").axes[0]
-    assert [label.partition(" ")[0] for label in labels_of(axes)] == ["trot", "unknown", "walk"]
-
-
 def test_matrix_shows_shares_of_each_class() -> None:
     figure = viz.feature_matrix(make_table(), features=("torso_velocity_mps", "step_length_m"))
     first, second = (axes for axes in figure.axes if axes.get_visible())

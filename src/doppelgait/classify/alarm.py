@@ -130,7 +130,7 @@ def score_at_threshold(day: PlanConfig, answers: pd.DataFrame, threshold: float)
                 "hours": hours,
                 "recordings": len(own),
                 "triggered": int(np.count_nonzero(sizes)),
-                "per_hour": sum(sizes) / hours,
+                "per_hour": sum(sizes) / hours if hours else 0.0,
                 "should_trigger": section.should_trigger,
             }
         )

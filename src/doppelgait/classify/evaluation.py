@@ -51,7 +51,7 @@ from doppelgait.classify.model import (
     row_weights,
 )
 from doppelgait.classify.options import Options, takes_options
-from doppelgait.classify.scores import DETECTED_SHARE, FALSE_SHARE, Answers
+from doppelgait.classify.scores import DETECTED_SHARE, FALSE_SHARE, LEAST_DETECTED, Answers
 from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS
 from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError, DatasetError, explain_memory
@@ -246,8 +246,8 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members
 
 def find_alarm_threshold(
     probability: FloatArray, is_alarm: scores.Bools, groups: scores.Groups, seen: Sequence[Seen] | None = None
-) -> tuple[float | None, int | None]:
-    """Return the probability from which the alarm is raised, and the number of people behind it."""
+) -> dict[str, Any]:
+    """Find the probability that raises the alarm, the number of people behind it, and the share who stay below."""
     if seen is not None:  # an alarm stays, so that the highest confirmed probability of a target of two windows counts
         probability = confirm(probability, seen)
         among = np.isin(groups, groups[is_alarm])  # of a recording with people, an alarm is right
@@ -256,10 +256,12 @@ def find_alarm_threshold(
         groups, is_alarm, probability = (of_one[name].to_numpy() for name in of_one)
     found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
     if not np.isfinite(found):
-        return None, None
+        return {}
     if seen is not None:  # of the others even fewer may raise it than of people may be missed
-        found = max(found, np.nextafter(find_detection_threshold(probability, ~is_alarm, FALSE_SHARE), 1.0))
-    return float(found), int(np.unique(groups[is_alarm]).size)
+        rare = np.nextafter(find_detection_threshold(probability, ~is_alarm, FALSE_SHARE), 1.0)
+        found = max(found, min(rare, find_detection_threshold(probability, is_alarm, LEAST_DETECTED)))
+    people, missed = np.unique(groups[is_alarm]).size, (probability[is_alarm] < found).mean()
+    return {"alarm_threshold": float(found), "alarm_people": people, "alarm_missed": float(missed)}
 
 
 def describe_model(
@@ -277,12 +279,12 @@ def describe_model(
         answers, groups, held = answers[kept], groups[kept], LabelledRows(held.values[kept], held.labels[kept])
     majority = kind.learner == "majority"
     calibration = Calibration(1.0, np.zeros(n_classes), 0) if majority else calibrate(answers, held.labels)
-    threshold = people = None
+    at: dict[str, Any] = {}
     alarm = rows.alarm if rows.alarm in rows.classes else None
     if alarm is not None:
         number = rows.classes.index(alarm)
         seen = held.values[:, -1].tolist() if of_tracks else None
-        threshold, people = find_alarm_threshold(calibration(answers)[:, number], held.labels == number, groups, seen)
+        at = find_alarm_threshold(calibration(answers)[:, number], held.labels == number, groups, seen)
     # Span of every feature, NaN if never known, and the share of rows in which it is unknown.
     values = select_features(train.values) if table.names else np.zeros((train.labels.size, 0))
     spans = [reduce(values, initial=np.nan) for reduce in (np.fmin.reduce, np.fmax.reduce)]
@@ -307,8 +309,7 @@ def describe_model(
         blocking=ECHOES if of_tracks else BLOCKING,
         window_s=config["dataset"]["window_s"] if of_tracks and config.get("episodes") else None,
         alarm=alarm,
-        alarm_threshold=threshold,
-        alarm_people=people,
+        **at,
     )
     novelty = None
     if table.names and name not in BASELINES and not of_tracks:

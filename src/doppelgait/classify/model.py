@@ -238,6 +238,7 @@ class Facts(FrozenModel):
     alarm: str | None = None
     alarm_threshold: float | None = Field(default=None, ge=0, le=1)
     alarm_people: int | None = Field(default=None, ge=0)
+    alarm_missed: float | None = Field(default=None, ge=0, le=1)
     blocking: tuple[str, ...] = BLOCKING
 
 

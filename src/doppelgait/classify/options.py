@@ -5,6 +5,7 @@ No library is imported, so that the help of a command needs none.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
@@ -34,7 +35,8 @@ def check_options(chosen: Any) -> None:
     for name, hint in get_type_hints(type(chosen), include_extras=True).items():
         kind, (_, *least), value = hint.__origin__, hint.__metadata__, getattr(chosen, name)
         try:
-            object.__setattr__(chosen, name, TypeAdapter(kind).validate_python(value))
+            strict = not {"Path", "list"} & {*re.findall(r"\w+", str(kind))}  # else "3" and True are numbers
+            object.__setattr__(chosen, name, TypeAdapter(kind).validate_python(value, strict=strict))
         except ValidationError:
             raise ConfigError(f"{name}: {value!r:.80} is not allowed; must be {formatannotation(kind)}") from None
         if least and value is not None and value < least[0]:

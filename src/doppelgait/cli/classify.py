@@ -127,6 +127,7 @@ def describe_model(model: Model, file: str | None) -> dict[str, Any]:
         "calibrated": model.calibration.n_rows > 0,
         "alarm_threshold": facts.alarm_threshold,
         "alarm_people": facts.alarm_people,
+        "alarm_missed": facts.alarm_missed,
     }
 
 
@@ -193,7 +194,8 @@ def explain_model(model: Model, name: str | None) -> None:
         print_message(f"note: {name or facts.dataset_name}: its probabilities are not calibrated")
     if facts.alarm_threshold is not None and facts.alarm_people is not None:
         people = f"{facts.alarm_people} held-out targets of class {facts.alarm}"
-        print_message(f"note: the alarm threshold is based on {people}")
+        missed = "" if facts.alarm_missed is None else f", of whom {facts.alarm_missed:.0%} stay below it"
+        print_message(f"note: the alarm threshold is based on {people}{missed}")
 
 
 @takes_options(Options, make_option)

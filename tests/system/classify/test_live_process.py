@@ -193,7 +193,7 @@ def test_lost_frames_and_jumps_of_the_clock_are_in_status_end_and_log(growing, t
 def test_memory_is_bounded_whatever_a_header_states(range_stop_m, most_mb):
     opening = open_with(prf_hz=700.0, range_stop_m=range_stop_m, fold_echoes=False)
     row = np.ones(json.loads(opening[12:-4])["range_bins"], dtype=np.complex64)
-    with listening("--once") as (process, port), socket.create_connection(("127.0.0.1", port)) as sensor:
+    with listening() as (process, port), socket.create_connection(("127.0.0.1", port)) as sensor:
         with suppress(ConnectionError):  # 261 MB/s are refused, 33 MB/s are not
             for number in range(3000):
                 sensor.sendall((b"" if number else opening) + encode_frame(number, number / 700.0, row))

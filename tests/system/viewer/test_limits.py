@@ -106,7 +106,7 @@ def test_waiting_connections_give_way_to_others(sent, monkeypatch):
             connect(sent)
         client = connect(REQUEST)
         assert answer_of(client).startswith(b"HTTP/1.1 200 ")
-        assert len(server.server_state.connections) == 4
+        assert len(server.server_state.connections) <= 4
         client.sendall(REQUEST)
         assert answer_of(client).startswith(b"HTTP/1.1 200 ")
 

@@ -262,7 +262,7 @@ def _offset_s(time_s: FloatArray, rate_hz: float) -> float:
 def _rounding_s(times: Times, rate_hz: float) -> float:
     """Return the largest deviation that rounding explains."""
     # if a whole number of digits is a period, rounding to them moves all frames alike
-    digits = 1.0 / (rate_hz * times.significant_s)
+    digits = min(1.0 / max(rate_hz * times.significant_s, 1e-15), 1e15)
     digit_s = times.printed_s if abs(digits - round(digits)) < 1e-6 * digits else times.significant_s
     return min(0.5 * digit_s * (1.0 + 1e-6), COARSEST / rate_hz)
 
@@ -275,7 +275,7 @@ def resample(path: Path, position: FloatArray, time_s: FloatArray, rate_hz: floa
     kept = time_s > np.fmax.accumulate(np.concatenate([[-np.inf], time_s[:-1]]))
     check_amount(path, int(kept.sum()))
     time_s, position = time_s[kept], position[kept]
-    n_frames = int((time_s[-1] - time_s[0]) * rate_hz * (1.0 + 1e-12)) + 1
+    n_frames = int(min((time_s[-1] - time_s[0]) * rate_hz * (1.0 + 1e-12), 1e15)) + 1
     check_cost(path, 8.0 * position[0].size * n_frames, MotionError)
     even_s, longest_s = time_s[0] + np.arange(n_frames) / rate_hz, MAX_STEP * float(np.median(np.diff(time_s)))
     result = np.full((n_frames, *position.shape[1:]), np.nan)
