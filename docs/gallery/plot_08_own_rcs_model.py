@@ -12,8 +12,7 @@ import xarray as xr
 from pydantic import Field
 
 import doppelgait as dg
-from doppelgait import viz
-from doppelgait.core.config import FrozenModel
+from doppelgait import FrozenModel, viz
 from doppelgait.scene.environment import Setting
 
 walk = dg.motion.human_gait(speed_mps=1.3, duration_s=2.5)

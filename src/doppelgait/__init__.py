@@ -31,6 +31,7 @@ _LAZY = {
     "ConfigError": "doppelgait.core.errors",
     "DoppelgaitError": "doppelgait.core.errors",
     "DoppelgaitWarning": "doppelgait.core.errors",
+    "FrozenModel": "doppelgait.core.config",
     "Streams": "doppelgait.core.rng",
     "rng": "doppelgait.core.rng",
     "plugin": "doppelgait.core.plugins",

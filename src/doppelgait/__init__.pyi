@@ -13,6 +13,7 @@ from doppelgait import testing as testing
 from doppelgait import viewer as viewer
 from doppelgait import viz as viz
 from doppelgait.classify.live import live as live
+from doppelgait.core.config import FrozenModel as FrozenModel
 from doppelgait.core.errors import ConfigError as ConfigError
 from doppelgait.core.errors import DoppelgaitError as DoppelgaitError
 from doppelgait.core.errors import DoppelgaitWarning as DoppelgaitWarning

@@ -3,7 +3,7 @@
 import pytest
 
 import doppelgait as dg
-from doppelgait.cli.figures import _make_figures
+from doppelgait.cli.figures import make_figures, save_figures
 from figure_faults import faults
 
 
@@ -21,7 +21,7 @@ def analysed():
 
 @pytest.fixture(scope="module")
 def figures(analysed):
-    return dict(_make_figures(*analysed, dg.Analysis().resolved(None)))
+    return dict(make_figures(*analysed, dg.Analysis().resolved(None)))
 
 
 def test_every_figure_is_named_by_the_vocabulary(figures):
@@ -32,9 +32,17 @@ def test_every_figure_is_named_by_the_vocabulary(figures):
 
 def test_a_frame_rate_too_low_for_doppler_leaves_out_one_figure(analysed, figures, capsys):
     """A still person is found by breathing at 17 frames/s, where 0.1 s hold one pulse."""
-    kinds = {name for name, _ in _make_figures(*analysed, dg.Analysis(cpi_s=0.001).resolved(None))}
+    kinds = {name for name, _ in make_figures(*analysed, dg.Analysis(cpi_s=0.001).resolved(None))}
     assert set(figures) - kinds == {"0-human-range-doppler", "1-dog-range-doppler"}
     assert "note: no figure 0-human-range-doppler: cpi_s = 0.001" in capsys.readouterr().err
+
+
+def test_a_paper_has_no_overview(figures, monkeypatch, tmp_path):
+    monkeypatch.setattr("doppelgait.cli.figures.make_figures", lambda *_: iter(figures.items()))
+    monkeypatch.setattr("doppelgait.viz.save_figure", lambda figure, path, **look: (path.stem, look))
+    saved = list(save_figures(folder=tmp_path, style="paper", dpi=200.0))
+    assert {name for name, _ in saved} == {name for name in figures if not name.endswith("overview")}
+    assert saved[0][1] == {"style": "paper", "dpi": 200.0}
 
 
 @pytest.mark.release

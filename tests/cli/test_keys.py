@@ -7,11 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 from doppelgait.cli.app import app
-from doppelgait.cli.topics import TOPICS, models_of
+from doppelgait.cli.topics import TOPICS
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.keys import list_keys
 from doppelgait.core.plugins import list_plugin_groups
-from doppelgait.radar import Radar
 
 
 @cache
@@ -95,19 +93,10 @@ def test_a_table_with_defaults_is_optional() -> None:
     assert "  gate: track or 2 × number, default track\n" in run("ImportConfig").replace('"', "")
 
 
-def test_the_rows_are_the_fields_of_the_model() -> None:
-    keys = {key.key: key for key in list_keys(Radar)}
-    assert list(keys) == list(Radar.model_fields)
-    assert (keys["tx_power_dbm"].unit, keys["carrier_hz"].default) == ("dBm", "required")
-    assert all(model.model_fields for topic in TOPICS for _, model in models_of(topic))
-
-
 @pytest.mark.parametrize(
     ("topic", "heading", "key"),
     [
         ("dataset.seed", "dataset", "seed"),
-        ("dataset.split.strategy", "dataset.split", "strategy"),
-        ("radar.prf_hz", "Radar", "prf_hz"),
         ("motion.human.speed_mps", "motion.human", "speed_mps"),
         ("tracking.detector.pfa", "tracking.detector", "pfa"),
     ],

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from matplotlib.axes import Axes
+from matplotlib import pyplot
 from matplotlib.figure import Figure
 
 import doppelgait as dg
@@ -119,9 +119,18 @@ def test_plots_take_axes_and_return_them(shown: dict[str, object]) -> None:
     ax = Figure().add_subplot()
     for name in ("Recording", "Result"):
         value = shown[name]
-        assert value.plot(ax=ax) is ax  # type: ignore[attr-defined]
-        assert isinstance(value.plot(title="mine"), Axes)  # type: ignore[attr-defined]
-    assert ax.get_title(loc="left") == "Micro-Doppler signature"
+        assert value.plot(ax=ax, title=name) is ax  # type: ignore[attr-defined]
+    assert ax.get_title(loc="left") == "Result"
+
+
+def test_a_plot_is_a_figure_of_pyplot_and_a_picture_is_none() -> None:
+    pyplot.close("all")
+    SCENE._repr_html_()  # type: ignore[operator]
+    assert not pyplot.get_fignums()
+    figure = SCENE.plot().figure
+    assert pyplot.get_fignums() == [figure.number]
+    assert SCENE.plot(ax=figure.axes[0]) is figure.axes[0]
+    pyplot.close("all")
 
 
 def test_the_overview_takes_a_recording_and_a_result(recording: dg.Recording) -> None:

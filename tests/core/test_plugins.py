@@ -45,6 +45,9 @@ def test_a_name_is_registered_once_and_always_given(group: Group[Any]) -> None:
     assert group["plain"].module == __name__
     with pytest.raises(ConfigError, match="needs a name"):
         plugin("demo_effect")(abs)
+    with pytest.raises(ConfigError, match=r"plugin\('motion_model'\): needs parameters=, a doppelgait\.FrozenModel"):
+        plugin("motion_model", "x")(abs)
+    assert "x" not in plugins._REGISTERED.get("motion_model", {})
 
 
 def test_the_same_module_replaces_its_own_plugin(group: Group[Any]) -> None:

@@ -160,6 +160,7 @@ def test_a_file_is_a_preset_and_its_lists_are_beside_the_radar(tmp_path):
         assert (radar.name, radar.prf_hz, radar.n_range_bins) == ("my X4", 300.0, 98)
         assert [entry["kind"] for entry in read_full_preset(name)["impairments"]] == ["phase_noise", "static_clutter"]
         assert read_full_preset(name)["environment"] == [{"kind": "wall"}]
+    assert Radar.from_toml(str(path)) == Radar.preset(path)
     assert Radar.preset(path, pulse_sigma_s=1e-9).bandwidth_hz is None  # the two ways to give the pulse
     assert Radar.preset("liland2018", bandwidth_hz=1e9).pulse_sigma_s is None
 
@@ -196,9 +197,13 @@ def test_faults_of_a_file_name_it(tmp_path, text, message):
     assert str(caught.value).count("(line") <= ("TOML" not in message)
 
 
-def test_an_unknown_name_is_refused_with_those_that_exist():
-    with pytest.raises(ConfigError, match=r"unknown radar preset 'x9'; known are: .*x4-17fps.*or give the path"):
-        read_full_preset("x9")
+@pytest.mark.parametrize(("name", "meant"), [("X4", "x4"), ("x4-lnog", "x4-long"), ("iwr6843", "ti-60"), ("lidar", "")])
+def test_an_unknown_name_is_refused_with_those_that_exist_and_the_one_that_was_meant(name, meant):
+    words = rf"; did you mean {meant}\?" * bool(meant)
+    with pytest.raises(
+        ConfigError, match=rf"preset '{name}'; known are: .*x4-17fps.*xband-fmcw{words}; or give the path"
+    ):
+        read_full_preset(name)
 
 
 def test_the_command_prints_a_radar_file_that_reads_back(tmp_path):

@@ -36,7 +36,7 @@ from doppelgait.classify.model import TOLERANCE, Calibration, Facts, Model, mark
 from doppelgait.classify.scorer import select_part
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.errors import ConfigError, DatasetError, list_choices
 from doppelgait.core.files import FileKind, hash_file, open_atomically
 from doppelgait.core.npz import load_npz
 from doppelgait.features import FEATURE_UNITS
@@ -350,9 +350,8 @@ def read_model_cards() -> dict[str, dict[str, Any]]:
 def load_shipped_model(name: str) -> Model:
     """Load a model that comes with the package."""
     if name not in read_model_cards():
-        raise ConfigError(
-            f"model {name!r} is not shipped with doppelgait; shipped models are {', '.join(read_model_cards())}"
-        )
+        known = list_choices(read_model_cards(), name)
+        raise ConfigError(f"model {name!r} is not shipped with doppelgait; shipped models are {known}")
     path = FOLDER / f"{name}.npz"
     if hash_file(path) != read_model_cards()[name]["sha256"]:
         raise DatasetError(f"{path}: is not the model that came with this version; install doppelgait again")
@@ -378,7 +377,8 @@ def open_model(name: str | Path) -> Model:
     >>> open_model("x4").facts.alarm
     'human'
     """
-    return load_shipped_model(str(name)) if str(name) in read_model_cards() else load_model(name)
+    is_name = str(name) in read_model_cards() or not (Path(name).suffix or Path(name).exists())
+    return load_shipped_model(str(name)) if is_name else load_model(name)
 
 
 def find_shipped_model(carrier_hz: float, prf_hz: float) -> str:

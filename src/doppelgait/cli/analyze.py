@@ -96,6 +96,8 @@ def analyze(
     options: ReaderOptions = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to write figures into.")] = None,
     figure_format: FigureOption = FigureFormat.png,
+    style: Annotated[str, typer.Option("--style", help="screen, or paper: no titles.")] = "screen",
+    dpi: Annotated[float | None, typer.Option(min=20, max=2400, help="Pixels per inch.")] = None,
     as_json: AsJson = False,
     **windows: Any,
 ) -> None:
@@ -132,7 +134,8 @@ def analyze(
     if figures is not None:
         from doppelgait.cli.figures import save_figures
 
-        for path in save_figures(loaded, results, settings.resolved(choice), figures, figure_format):
+        analysed, look = (loaded, results, settings.resolved(choice)), {"style": style, "dpi": dpi}
+        for path in save_figures(*analysed, folder=figures, form=figure_format, **look):
             print_message(f"figure: {path}")
     if as_json:
         print_json(describe_results(loaded, results))

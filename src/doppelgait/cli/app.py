@@ -87,7 +87,6 @@ app = typer.Typer(
     name="doppelgait",
     help="Labelled micro-Doppler radar data of people and dogs, from motion capture or gait models.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},

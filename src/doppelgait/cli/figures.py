@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -16,19 +17,17 @@ from doppelgait.processing.clutter import clean_frames
 from doppelgait.radar import Recording
 
 
-def save_figures(
-    recording: Recording, results: Sequence[Result], analysis: Analysis, folder: Path, form: str = "png"
-) -> Iterator[Path]:
-    """Plot every figure into a folder."""
-    recording = recording.with_frames(clean_frames(recording.frames, analysis))
+def save_figures(*analysed: Any, folder: Path, form: str = "png", **look: Any) -> Iterator[Path]:
+    """Write every figure into a folder; an overview is no figure for a paper."""
     make_folder(folder)
-    for name, figure in _make_figures(recording, results, analysis):
-        path = folder / f"{name}.{form}"
-        viz.save_figure(figure, path)
-        yield path
+    for name, figure in make_figures(*analysed):
+        if look.get("style") != "paper" or not name.endswith("overview"):
+            yield viz.save_figure(figure, folder / f"{name}.{form}", **look)
 
 
-def _make_figures(recording: Recording, results: Sequence[Result], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
+def make_figures(recording: Recording, results: Sequence[Result], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
+    """Plot every figure of a recording and its results."""
+    recording = recording.with_frames(clean_frames(recording.frames, analysis))
     names = [
         result.label or "target" if len(results) == 1 else f"{number}: {result.label or 'target'}"
         for number, result in enumerate(results)
@@ -54,23 +53,11 @@ def _make_figures(recording: Recording, results: Sequence[Result], analysis: Ana
         )
         ratios, f_mu_hz = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3), result.gait_frequency_hz
         harmonics_hz = [] if f_mu_hz is None else [None if ratio is None else ratio * f_mu_hz for ratio in ratios]
-        doubtful = "gait_frequency_hz" in result.doubtful
-        yield (
-            f"{prefix}-cadence-velocity",
-            viz.cadence_map(
-                result.cadence_map, gait_frequency_hz=f_mu_hz, harmonics_hz=harmonics_hz, doubtful=doubtful
-            ),
-        )
-        yield (
-            f"{prefix}-cadence-spectrum",
-            viz.cadence_spectrum(
-                result.cadence_spectrum,
-                gait_frequency_hz=f_mu_hz,
-                harmonics_hz=harmonics_hz,
-                amplitude=as_reported,
-                doubtful=doubtful,
-            ),
-        )
+        marks: dict[str, Any] = {"gait_frequency_hz": f_mu_hz, "harmonics_hz": harmonics_hz}
+        marks["doubtful"] = "gait_frequency_hz" in result.doubtful
+        yield f"{prefix}-cadence-velocity", viz.cadence_map(result.cadence_map, **marks)
+        spectrum = viz.cadence_spectrum(result.cadence_spectrum, amplitude=as_reported, **marks)
+        yield f"{prefix}-cadence-spectrum", spectrum
         yield (
             f"{prefix}-mean-doppler",
             viz.mean_doppler_spectrum(

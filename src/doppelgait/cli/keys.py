@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from doppelgait.cli.output import AsJson, print_json, print_table
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, list_choices
 
 
 def keys(
@@ -112,7 +112,8 @@ def _find_tables(topic: str) -> list[tuple[str, Any]]:
     known = _groups()
     if group in known:
         if name and name not in known[group]:
-            raise ConfigError(f"keys {topic}: no {group} {name!r} with keys; known are {', '.join(known[group])}")
+            listed = list_choices(known[group], name)
+            raise ConfigError(f"keys {topic}: no {group} {name!r} with keys; known are {listed}")
         return [(f"{group}.{one}", groups[group][one].parameters) for one in known[group] if name in ("", one)]
     heading = next((found for t in TOPICS for found in models_of(t) if found[0].lower() == topic.lower()), None)
     if heading is None:

@@ -175,14 +175,7 @@ def format_duration(seconds: float) -> str:
     return f"{seconds:.0f} s"
 
 
-class FigureFormat(StrEnum):
-    """Formats of figure files."""
-
-    png = "png"
-    svg = "svg"
-    pdf = "pdf"
-
-
+FigureFormat = StrEnum("FigureFormat", ["png", "svg", "pdf"])
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 FigureOption = Annotated[FigureFormat, typer.Option("--format", help="Format of the figures.")]
 PageFigureOption = Annotated[

@@ -215,10 +215,11 @@ def run_demo(
         Path, typer.Option("-o", "--output", help="Folder for the recording, the results and the figures.")
     ] = Path("demo"),
     figure_format: FigureOption = FigureFormat.png,
+    open_viewer: Annotated[bool, typer.Option("--open", help="Open it in the viewer.")] = False,
 ) -> None:
     """Simulate a person and a dog, analyse and plot both.
 
-    Example: doppelgait demo -o demo
+    Example: doppelgait demo -o demo --open
     """
     from doppelgait.cli.analyze import print_features
     from doppelgait.cli.figures import save_figures
@@ -232,7 +233,19 @@ def run_demo(
     write_recording(recording, output / "recording.h5")
     results = analyze(recording, gate="truth", analysis=spec.analysis)
     write_results(output / "result.h5", recording, results)
-    for path in save_figures(recording, results, spec.analysis, output, figure_format):
+    for path in save_figures(recording, results, spec.analysis, folder=output, form=figure_format):
         print_message(f"figure: {path}")
     print_features(results)
-    print_message(f"recording and results: {output / 'recording.h5'}, {output / 'result.h5'}")
+    recording_file = output / "recording.h5"
+    print_message(f"recording and results: {recording_file}, {output / 'result.h5'}")
+    print_message(
+        "A person walks towards the radar, and a dog trots away from it. In the signatures the bright "
+        "line is the torso, and the arcs around it are legs, two a stride of the person, and more and "
+        "faster ones of the dog."
+    )
+    print_message(f"who is who: doppelgait classify {recording_file}")
+    print_message(f"in the browser: doppelgait view {recording_file}")
+    if open_viewer:
+        from doppelgait.cli.view import view
+
+        view(recording_file, gate="truth")

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
 from doppelgait.core.documents import parse_json, parse_toml, read_document
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, list_choices
 from doppelgait.core.keys import TABLES, expand_docstring
 
 M = TypeVar("M", bound=BaseModel)
@@ -25,6 +25,8 @@ SHOWN_FAULTS, SHOWN_KEY = 8, 60
 _TAG = re.compile(r".*[\[({].*|str|int|float|bool|bytes|none|any|dict|list|tuple|set")
 """Names that Pydantic adds to the location of a fault, for the member of a union or the key of a mapping."""
 _NAMED_KEY = re.compile(r"(\w+(?:\.\w+)*): ")  # pattern of a key at the start of a message
+
+_FOREIGN = {name for name in dir(BaseModel) if name[0] != "_"} - {"model_dump", "model_fields"}
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass as _Checked
@@ -48,6 +50,9 @@ else:
                 return super().__call__(**data)
             except ValidationError as error:
                 raise _make_error(f"{cls.__name__}: ", _find_faults(error, cls, data)) from None
+
+        def __dir__(cls) -> list[str]:  # without what pydantic adds for itself
+            return sorted({*super().__dir__(), *cls.model_fields} - _FOREIGN)
 
 
 def _is_sensible(value: Any, least: float) -> bool:
@@ -87,6 +92,9 @@ class FrozenModel(BaseModel, metaclass=_Checked):
         except ValidationError as error:
             raise _make_error(f"{cls.__name__}: ", _find_faults(error, cls, None)) from None
 
+    def __dir__(self) -> list[str]:
+        return dir(type(self))
+
     def __setattr__(self, name: str, value: Any = None) -> None:
         raise ConfigError(f"{type(self).__name__}.{name}: is frozen; make a changed copy with .replace({name}=...)")
 
@@ -114,7 +122,7 @@ def check_type(value: Any, kinds: type | tuple[type, ...], name: str, remedy: st
 def check_choice(value: object, allowed: Collection[str], name: str) -> None:
     """Raise unless an argument is an allowed name."""
     if value not in [*allowed]:
-        raise ConfigError(f"{name}: {value!r} is not allowed; it must be one of {', '.join(allowed)}")
+        raise ConfigError(f"{name}: {value!r} is not allowed; it must be one of {list_choices(allowed, value)}")
 
 
 def validate(
@@ -201,8 +209,9 @@ def reword_fault(message: str) -> str:
 
 def _describe(fault: Any, location: tuple[str | int, ...], model: type[BaseModel]) -> Fault:
     if fault["type"] == "extra_forbidden":
-        allowed = ", ".join(sorted(_list_fields_at(model, location[:-1])))
-        return Fault(location, "", "unknown key" + (f"; allowed are {allowed}" if allowed else ""))
+        allowed = sorted(_list_fields_at(model, location[:-1]))
+        words = f"; allowed are {list_choices(allowed, location[-1])}" if allowed else ""
+        return Fault(location, "", "unknown key" + words)
     if fault["type"] == "missing":
         return Fault(location, "", "is required")
     value, message = fault.get("input"), reword_fault(fault["msg"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Mapping
 from functools import cache, partial
@@ -10,7 +9,7 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, list_choices
 from doppelgait.core.rng import Streams
 
 LARGEST = 1e100
@@ -185,10 +184,8 @@ def _refuse_misspelt_law(table: Mapping[str, Any], key: str) -> None:
     known = (*DISTRIBUTIONS, CYCLE)
     names = [name for name, numbers in table.items() if isinstance(numbers, list) and set(table) <= {name, TIMES}]
     for name in names:
-        if near := difflib.get_close_matches(str(name), known, n=1, cutoff=0.75):
-            raise ConfigError(
-                f"{key}: {name!r} is no distribution; known are {', '.join(known)}; did you mean {near[0]}?"
-            )
+        if "?" in (words := list_choices(known, name)):
+            raise ConfigError(f"{key}: {name!r} is no distribution; known are {words}")
 
 
 def _multiply(value: Any, name: Any, key: str, sibling: Sibling | None) -> float:

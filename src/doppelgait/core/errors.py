@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 import re
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -25,6 +26,14 @@ CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u
 def escape_controls(text: object) -> str:
     """Return a text with control characters, but tabs and ends of lines, as Python writes them."""
     return CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), str(text))
+
+
+def list_choices(known: Iterable[str], name: object) -> str:
+    """List known names, and the one that a wrong name nearly is, in any case of letters."""
+    names = [*known]
+    folded = {each.lower(): each for each in names}
+    near = difflib.get_close_matches(str(name).lower(), folded, n=1)
+    return ", ".join(names) + (f"; did you mean {folded[near[0]]}?" if near else "")
 
 
 class DoppelgaitError(Exception):

@@ -20,7 +20,7 @@ from pydantic import BeforeValidator, SerializeAsAny
 
 from doppelgait.core.config import FrozenModel, InnerError, validate
 from doppelgait.core.documents import stat_regular
-from doppelgait.core.errors import ConfigError, warn_caller
+from doppelgait.core.errors import ConfigError, list_choices, warn_caller
 
 T = TypeVar("T")
 
@@ -127,6 +127,8 @@ def plugin(
         model = parameters
         if model is None and isinstance(item, type) and issubclass(item, FrozenModel):
             model = item
+        if not (issubclass(model, FrozenModel) if model else group != "motion_model"):
+            raise ConfigError(f"plugin({group!r}): needs parameters=, a doppelgait.FrozenModel")
         key = name
         if key is None and model is not None and "kind" in model.model_fields:
             key = model.model_fields["kind"].default
@@ -183,7 +185,7 @@ class Group(Generic[T]):
     def __getitem__(self, name: str) -> Plugin[T]:
         found = self._load_plugins()
         if name not in self:
-            raise ConfigError(f"unknown {self.noun} {name!r}; known are: {', '.join(sorted(found))}")
+            raise ConfigError(f"unknown {self.noun} {name!r}; known are: {list_choices(sorted(found), name)}")
         return found[name]
 
     def __contains__(self, name: object) -> bool:
@@ -214,7 +216,7 @@ class Group(Generic[T]):
         table = {"kind": value} if isinstance(value, str) else value
         kind = table.get("kind") if isinstance(table, Mapping) else None
         if not isinstance(kind, str) or kind not in self:
-            raise ConfigError(f"{self.noun} kind {kind!r} is not allowed: known are {', '.join(self)}")
+            raise ConfigError(f"{self.noun} kind {kind!r} is not allowed: known are {list_choices(self, kind)}")
         model = self[kind].parameters
         if model is None:
             raise ConfigError(f"{self.noun} {kind!r} has no parameters")

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeFloat, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel, apply_overrides, read_toml, validate
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, list_choices
 from doppelgait.pipeline import Tracking
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import GateChoice
@@ -231,13 +231,7 @@ class DatasetSection(FrozenModel):
         return leaks
 
 
-def _check_label(label: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9 _.-]+", label):
-        raise ValueError("may contain letters, digits, space and _ . - only")
-    return label
-
-
-Label = Annotated[str, Field(min_length=1), AfterValidator(_check_label)]
+Label = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9 _.-]+$")]
 
 
 class ClassSection(FrozenModel):
@@ -450,7 +444,10 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
         table, text = read_toml(name)
         folder = Path(name).resolve().parent
     else:
-        raise ConfigError(f"{name}: neither a file nor a built-in plan; built-in plans are: {', '.join(plan_names())}")
+        known = list_choices(plan_names(), name)
+        raise ConfigError(f"{name}: neither a file nor a built-in plan; built-in plans are: {known}")
+    if "targets" in table and "dataset" not in table:
+        raise ConfigError(f"{name}: is a scene, not a plan: doppelgait simulate {name}")
     return validate(PlanConfig, apply_overrides(table, overrides), where=name, text=text), folder
 
 

@@ -310,7 +310,7 @@ def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> 
 
 
 def find_plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> int | None:
-    """Return the number in the plan of a row's example, if it has one."""
+    """Return the number of a row's example in its dataset's plan, if it has one."""
     config, scene = description.get("config") or {}, str(row.get("scene_id"))
     label, _, within = scene.rpartition("-")
     if description.get("origin", "simulated") != "simulated":

@@ -177,8 +177,7 @@ class Csv(FrozenModel):
 class Parquet(FrozenModel):
     """One Parquet file per split.
 
-    rows_per_group: Rows in one row group of a file with arrays; the rows of a group are in memory
-        together.
+    rows_per_group: Rows in one row group of a file with arrays; they are in memory together.
     """
 
     kind: Literal["parquet"] = "parquet"

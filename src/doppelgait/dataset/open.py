@@ -129,14 +129,18 @@ class Dataset:
     @overload
     def __getitem__(self, key: Literal["train", "validation", "test"]) -> Dataset: ...  # type: ignore[overload-overlap]
     @overload
-    def __getitem__(self, key: str) -> Example: ...
-    def __getitem__(self, key: str) -> Dataset | Example:
-        """Return a split's examples, or an id's example."""
+    def __getitem__(self, key: str | int) -> Example: ...
+    def __getitem__(self, key: str | int) -> Dataset | Example:
+        """Return a split's examples, or the example of an id or a number; -1 is the last."""
+        if isinstance(key, int | np.integer):
+            if not -len(self) <= key < len(self):
+                raise DatasetError(f"{self.directory}: no example {key}, only 0 to {len(self) - 1}")
+            return self.example(int(key) % len(self))
         if key in SPLITS:
             known = sorted(self.index["split"].unique())
             if key not in known:
                 raise DatasetError(f"{self.directory}: no split {key!r}; there are {', '.join(known) or 'none'}")
-            return self._select_rows((self.index["split"] == key).to_numpy(dtype=bool))
+            return self.select(split=key)
         found = np.flatnonzero((self.index["id"] == key).to_numpy(dtype=bool)) if isinstance(key, str) else np.empty(0)
         if found.size == 0:
             splits = ", ".join(split for split in SPLITS if (self.index["split"] == split).any())
@@ -144,21 +148,22 @@ class Dataset:
             raise DatasetError(f"{self.directory}: {key!r} is neither a split nor the id of an example here{hint}")
         return self.example(int(found[0]))
 
-    def _select_rows(self, chosen: npt.NDArray[np.bool_]) -> Dataset:
-        return replace(self, index=self.index[chosen].reset_index(drop=True))
-
-    def select(self, query: str) -> Dataset:
-        """Select the examples that fulfil a query.
+    def select(self, query: str = "", **columns: str | float | list[Any]) -> Dataset:
+        """Select the examples that fulfil a query, and have these values of columns.
 
         An example is ``"truth_aspect_deg < 30 and label == 'dog'"``: columns of the index, numbers, texts and lists
         with comparisons, ``in``, ``+ - * /``, ``and``, ``or`` and ``not``. A query runs no code.
+        ``select(split="test", label=["dog", "cat"])`` needs no query; a list allows all its values.
 
         Raises
         ------
         DatasetError
             If the query names no column of the index or is no condition.
         """
-        return self._select_rows(select_rows(self.index, query))
+        terms = [f"{name} {'in' if isinstance(value, list) else '=='} {value!r}" for name, value in columns.items()]
+        if terms:
+            query = " and ".join([f"({query})", *terms] if query else terms)
+        return replace(self, index=self.index[select_rows(self.index, query)].reset_index(drop=True))
 
     def features(self, names: str | Sequence[str] = "six", *, without_flags: Sequence[str] = ()) -> Features:
         """Return features, labels and groups for scikit-learn.

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from doppelgait.core.config import format_line_note, validate
 from doppelgait.core.draws import CYCLE, DISTRIBUTIONS, resolve
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, list_choices
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.presets import change_preset, read_preset
@@ -61,11 +60,10 @@ def parse_radar(
                     source = str((folder or Path()) / source)
                 stated = read_preset(source)
             found = resolve(stated, seed=seed, example=example, key="preset")
-            own = {*Radar.model_fields, *FITTED_KEYS}
+            own = sorted({*Radar.model_fields, *FITTED_KEYS})
             for key, value in found.items():
                 if key not in own:
-                    near = difflib.get_close_matches(key, own, n=1)
-                    raise ConfigError(f"{key}: unknown key{'; did you mean ' + near[0] + '?' if near else ''}")
+                    raise ConfigError(f"{key}: unknown key; allowed are {list_choices(own, key)}")
                 if isinstance(value, Mapping) and key not in ("waveform", "antenna"):
                     laws = ", ".join((*DISTRIBUTIONS, CYCLE))
                     raise ConfigError(f"{key} = {value}: needs a number, or a table with one of {laws}")

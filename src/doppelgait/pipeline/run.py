@@ -131,6 +131,8 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
         With the dotted key, its line, its value and the allowed values.
     """
     unknown = sorted(set(table) - set(SECTIONS))
+    if "dataset" in unknown:
+        raise ConfigError(f"{where}: is a plan, not a scene: doppelgait dataset build {where}")
     if unknown:
         places = ", ".join(key + format_line_note(text, [key]) for key in unknown)
         raise ConfigError(f"{where}: {places}: unknown key; allowed are {', '.join(SECTIONS)}")

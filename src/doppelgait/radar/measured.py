@@ -174,9 +174,7 @@ def label_sweeps(
     notes: Sequence[str],
     **facts: Any,
 ) -> Recording:
-    """Make a recording of the beat samples (I, S) of frequency sweeps, and its radar of further
-    facts. ``frames`` are those of :func:`place_frames`.
-    """
+    """Make a recording of beat samples (I, S); ``frames`` are those of :func:`place_frames`."""
     slow_time_s, rate_hz, attrs = place_frames(*frames)
     farthest_m = n_ranges * (SPEED_OF_LIGHT_MPS / (2.0 * bandwidth_hz))
     stop_m = farthest_m if range_stop_m is None else check_number(path, "range_stop_m", range_stop_m, above=0)

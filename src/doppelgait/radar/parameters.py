@@ -375,6 +375,11 @@ class Radar(FrozenModel):
         """
         return validate(cls, change_preset(preset_name, changes), where=f"radar (preset {preset_name})")
 
+    @classmethod
+    def from_toml(cls, path: str | Path) -> Radar:
+        """Read a radar from a TOML file, as :meth:`preset` does."""
+        return cls.preset(Path(path))
+
     def __repr__(self) -> str:
         return show_text("Radar", self._shown())
 

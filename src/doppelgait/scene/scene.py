@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, SerializeAsAny, field_v
 
 from doppelgait.core.config import FrozenModel, InnerError, as_table, read_toml, validate, write_toml
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.notebook import show_text
+from doppelgait.core.notebook import plot, show_text
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.paths import Path, make_path
 from doppelgait.motion.retime import ScalingMode, Variation
@@ -41,10 +41,8 @@ def _parse_motion(value: Any) -> Any:
         if not isinstance(value.get("path"), str) or not value["path"]:
             raise ValueError('kind "file" needs path = "..."')
         return dict(value)
-    from doppelgait.motion.models.registry import MOTION_MODELS, check_table
+    from doppelgait.motion.models.registry import check_table
 
-    if kind not in MOTION_MODELS:
-        raise ValueError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
     try:
         return check_table(value, where=f"kind {kind!r}")
     except ConfigError as error:
@@ -312,6 +310,10 @@ class Scene(FrozenModel):
                     'model, { kind = "...", ... }, or a file, { kind = "file", path = "..." }'
                 )
         return write_toml(as_table(self))
+
+    def plot(self, *, ax: Any = None) -> Any:
+        """Plot the scene from above, on axes or a new figure: radar, starts and headings."""
+        return plot("scene", self, ax=ax)
 
     def __repr__(self) -> str:
         return show_text("Scene", self.tabulate_facts())

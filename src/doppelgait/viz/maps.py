@@ -13,10 +13,8 @@ from matplotlib.cm import ScalarMappable
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Schema, check_signal
-from doppelgait.core.units import doppler_to_velocity_mps, power_to_db, velocity_to_doppler_hz
+from doppelgait.core.units import FloatArray, doppler_to_velocity_mps, power_to_db, velocity_to_doppler_hz
 from doppelgait.viz.style import MAP_COLOURS, VELOCITY_LABEL
-
-FloatArray = npt.NDArray[np.float64]
 
 NO_DATA = "#bdbdbd"
 AUTO_DB_RANGE = (20.0, 40.0)
@@ -123,14 +121,15 @@ def compute_cell_edges(axis: npt.ArrayLike) -> tuple[float, float] | None:
 
 def plot_map(
     axes: Axes,
-    *,
     x: npt.ArrayLike,
     y: npt.ArrayLike,
     level_db: FloatArray,
-    limits_db: tuple[float, float],
+    limits_db: tuple[float, float] | float | None,
     colours: str = MAP_COLOURS,
 ) -> ScalarMappable:
-    """Plot levels of shape (y, x), clipped to the limits."""
+    """Plot levels of shape (y, x), clipped to limits or to a dynamic range."""
+    if not isinstance(limits_db, tuple):
+        limits_db = level_limits_db(level_db, limits_db)
     clipped = np.clip(level_db, *limits_db)
     palette = colormaps[colours].with_extremes(bad=NO_DATA)
     settings: dict[str, Any] = {"cmap": palette, "vmin": limits_db[0], "vmax": limits_db[1]}

@@ -5,18 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import MOTION, read_axis
-from doppelgait.core.units import velocity_to_doppler_hz
+from doppelgait.core.units import FloatArray, velocity_to_doppler_hz
 from doppelgait.viz import style
 from doppelgait.viz.maps import add_velocity_axis, check_array
-
-FloatArray = npt.NDArray[np.float64]
 
 PART_COLOURS = {
     "torso": style.ACCENT,

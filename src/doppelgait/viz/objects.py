@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -14,9 +17,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.notebook import DRAWINGS
 from doppelgait.core.plugins import plugin
 from doppelgait.viz import ranges, spectra, style
 from doppelgait.viz.maps import check_signature, doppler_limits_hz
+
+LEFT = "text-align:left"
+PICTURE_IN = (5.2, 3.2)  # width and height of the picture of an object
 
 
 def overview(recording: Any, result: Any = None, *, title: str | None = None, **arrays: Any) -> Figure:
@@ -263,3 +270,26 @@ def format_value(name: str, value: float | None) -> str:
     digits = 0 if abs(value) >= 100 else 1 if abs(value) >= 20 else 2
     sign = "+" if unit == "m/s" and value > 0 else ""
     return f"{sign}{value:.{digits}f}" + ("" if unit == "1" else f" {unit}")
+
+
+@plugin("drawing", "html")
+def format_object(title: str, facts: Mapping[str, str], name: str, value: Any) -> str:
+    """Format an object as a small table and, if its plot has a name, an inline PNG."""
+    rows = "".join(
+        f'<tr><th style="{LEFT}">{escape(key)}</th><td style="{LEFT}">{escape(text)}</td></tr>'
+        for key, text in facts.items()
+        if text
+    )
+    picture = ""
+    if name:
+        figure = DRAWINGS[name].run(value).figure
+        figure.set_size_inches(*PICTURE_IN)
+        image = io.BytesIO()
+        figure.savefig(image, format="png", dpi=80, metadata={"Software": None})
+        content = base64.b64encode(image.getvalue()).decode()
+        picture = f'<img alt="{escape(title)}" src="data:image/png;base64,{content}">'
+    return (
+        f"<div><strong>{escape(title)}</strong>"
+        f'<div style="display:flex;gap:1em;align-items:flex-start"><table>{rows}</table>'
+        f"{picture}</div></div>"
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,7 @@ from matplotlib.patheffects import withStroke
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, Schema
 from doppelgait.core.lazy import LONG_PULSES, take_every_row
+from doppelgait.core.units import FloatArray
 from doppelgait.viz import style
 from doppelgait.viz.maps import (
     add_colour_bar,
@@ -26,13 +28,11 @@ from doppelgait.viz.maps import (
     check_signature,
     compute_level_db,
     doppler_limits_hz,
-    level_limits_db,
     plot_map,
     wavelength_m,
 )
 from doppelgait.viz.motion import plot_part_lines
 
-FloatArray = npt.NDArray[np.float64]
 Limits = tuple[float, float]
 
 MAIN_LINE = (style.LINE_COLOURS[0], style.YELLOW)
@@ -95,13 +95,7 @@ def range_time(
     level_db, range_m = amplitude_to_db(take_every_row(baseband, every)).T, baseband.coords["range"].values
     if range_m.size == 1:  # a radar without range: one band, as high as the axis
         level_db, range_m = np.repeat(level_db, 2, axis=0), range_m + np.array([-0.25, 0.25])
-    image = plot_map(
-        axes,
-        x=baseband.coords["slow_time"].values[::every],
-        y=range_m,
-        level_db=level_db,
-        limits_db=level_limits_db(level_db, db_range),
-    )
+    image = plot_map(axes, baseband["slow_time"].values[::every], range_m, level_db, db_range)
     limits = axes.get_xlim(), axes.get_ylim()
     named = {"gate": tracks} if isinstance(tracks, xr.Dataset) else dict(tracks or {})
     for (label, gate), (colour, dash) in zip(named.items(), style.map_lines(list(named)), strict=True):
@@ -163,14 +157,8 @@ def range_doppler_map(
     """
     check_array(power, ONE_MAP)
     figure, axes = style.make_axes(ax)
-    level_db = compute_level_db(power.values)
-    image = plot_map(
-        axes,
-        x=power.coords["range"].values,
-        y=power.coords["doppler"].values,
-        level_db=level_db,
-        limits_db=level_limits_db(level_db, db_range),
-    )
+    range_m, doppler_hz = power.coords["range"].values, power.coords["doppler"].values
+    image = plot_map(axes, range_m, doppler_hz, compute_level_db(power.values), db_range)
     time_s = float(power.coords["time"]) if "time" in power.coords else None
     style.name_axes(
         axes,
@@ -187,17 +175,8 @@ def range_doppler_map(
         bottom, top = axes.get_ylim()
         margin = 0.004 * (top - bottom)
         d_low, d_high = max(d_low, bottom + margin), min(d_high, top - margin)
-        axes.add_patch(
-            Rectangle(
-                (r_low, d_low),
-                r_high - r_low,
-                d_high - d_low,
-                fill=False,
-                edgecolor=style.LINE_COLOURS[0],
-                lw=1.8,
-                label="gate",
-            )
-        )
+        look: dict[str, Any] = {"fill": False, "ec": style.LINE_COLOURS[0], "lw": 1.8, "label": "gate"}
+        axes.add_patch(Rectangle((r_low, d_low), r_high - r_low, d_high - d_low, **look))
     add_velocity_axis(axes, wavelength_m(power))
     add_colour_bar(image, axes, quantity="power", reference="1 V²")
     style.place_legend(axes, "figure" if ax is None else "inside")
@@ -280,17 +259,16 @@ def plot_signature(
 ) -> ScalarMappable:
     """Plot map and lines of :func:`signature` on existing axes."""
     check_signature(signature)
-    level_db = compute_level_db(signature.values).T
     limits_hz = doppler_hz or doppler_limits_hz(
         signature, lines_hz=() if truth_doppler is None else truth_doppler.values
     )
     image = plot_map(
         axes,
-        x=signature.coords["time"].values,
-        y=signature.coords["doppler"].values,
-        level_db=level_db,
-        limits_db=limits_db or level_limits_db(level_db, db_range),
-        colours=style.MAP_COLOURS if truth_doppler is None else style.OVERLAY_COLOURS,
+        signature.coords["time"].values,
+        signature.coords["doppler"].values,
+        compute_level_db(signature.values).T,
+        limits_db or db_range,
+        style.MAP_COLOURS if truth_doppler is None else style.OVERLAY_COLOURS,
     )
     width_s = axes.get_xlim()
     if truth_doppler is not None:

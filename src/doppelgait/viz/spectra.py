@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,7 @@ from matplotlib.figure import Figure
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM
-from doppelgait.core.units import power_to_db
+from doppelgait.core.units import FloatArray, power_to_db
 from doppelgait.viz import style
 from doppelgait.viz.maps import (
     add_colour_bar,
@@ -22,12 +23,9 @@ from doppelgait.viz.maps import (
     check_db_range,
     compute_level_db,
     doppler_limits_hz,
-    level_limits_db,
     plot_map,
     wavelength_m,
 )
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def cadence_spectrum(
@@ -89,16 +87,8 @@ def cadence_spectrum(
             words = f"{number}: {'gait frequency' if number == 1 else 'harmonic'}, {value:.2f} Hz" + " ?" * doubtful
             _mark_peak(axes, value, float(np.interp(value, cadence_hz, level_db)), str(number), label=words)
     if gait_frequency_hz is None:
-        axes.text(
-            0.99,
-            0.96,
-            "no gait frequency",
-            transform=axes.transAxes,
-            ha="right",
-            va="top",
-            color=style.ACCENT,
-            fontsize=9,
-        )
+        corner: dict[str, Any] = {"xycoords": "axes fraction", "ha": "right", "va": "top"}
+        style.write_note(axes, "no gait frequency", (0.99, 0.96), style.ACCENT, **corner)
     style.name_axes(axes, title=title, x=style.CADENCE_LABEL, y=style.LEVEL_LABEL)
     style.place_legend(axes, "figure" if ax is None else "inside")
     return figure
@@ -106,16 +96,8 @@ def cadence_spectrum(
 
 def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, label: str | None = None) -> None:
     axes.plot([cadence_hz], [level_db], marker="o", color=style.ACCENT, ms=5, ls="none", label=label)
-    axes.annotate(
-        text,
-        (cadence_hz, level_db),
-        xytext=(0, 7),
-        textcoords="offset points",
-        ha="center",
-        va="bottom",
-        fontsize=9,
-        color=style.ACCENT,
-    )
+    above: dict[str, Any] = {"xytext": (0, 7), "textcoords": "offset points"}
+    style.write_note(axes, text, (cadence_hz, level_db), style.ACCENT, **above)
 
 
 def plot_levels(axes: Axes, x: FloatArray, values: npt.ArrayLike, db_range: float) -> FloatArray:
@@ -194,29 +176,15 @@ def mean_doppler_spectrum(
     if bandwidth_hz is not None:
         edges_hz = bandwidth_hz if isinstance(bandwidth_hz, tuple) else densest_band_hz(power, axis_hz, bandwidth_hz)
         axes.axvspan(*edges_hz, color=style.SHADE, alpha=0.45, lw=0, zorder=0)
-        axes.annotate(
-            f"bandwidth {edges_hz[1] - edges_hz[0]:.0f} Hz",
-            (sum(edges_hz) / 2.0, 0.03),
-            xycoords=("data", "axes fraction"),
-            ha="center",
-            va="bottom",
-            fontsize=9,
-            color=style.LINE,
-        )
+        words, at = f"bandwidth {edges_hz[1] - edges_hz[0]:.0f} Hz", (sum(edges_hz) / 2.0, 0.03)
+        style.write_note(axes, words, at, style.LINE, xycoords=("data", "axes fraction"))
     if threshold is not None:
-        threshold_level_db = float(power_to_db(threshold))
-        axes.axhline(threshold_level_db, color=style.REFERENCE, lw=1.0, ls="--")
-        axes.annotate(
-            f"threshold {threshold:g} ({threshold_level_db:.1f} dB)",
-            (0.99, threshold_level_db),
-            xycoords=("axes fraction", "data"),
-            xytext=(0, 3),
-            textcoords="offset points",
-            ha="right",
-            va="bottom",
-            fontsize=9,
-            color=style.REFERENCE,
-        )
+        line_db = float(power_to_db(threshold))
+        axes.axhline(line_db, color=style.REFERENCE, lw=1.0, ls="--")
+        words, at = f"threshold {threshold:g} ({line_db:.1f} dB)", (0.99, line_db)
+        above: dict[str, Any] = {"xytext": (0, 3), "textcoords": "offset points", "ha": "right"}
+        above["xycoords"] = ("axes fraction", "data")
+        style.write_note(axes, words, at, style.REFERENCE, **above)
     if torso_doppler_hz is not None:
         level = float(np.interp(torso_doppler_hz, axis_hz, level_db))
         _mark_peak(axes, torso_doppler_hz, level, f"torso {torso_doppler_hz:.1f} Hz")
@@ -284,14 +252,9 @@ def cadence_map(
     figure, axes = style.make_axes(ax)
     shown = crop_cadence(check_array(cadence_map, CADENCE_MAP), max_cadence_hz, gait_frequency_hz)
     level_db = amplitude_to_db(shown.values).T
-    image = plot_map(
-        axes,
-        x=shown.coords["cadence"].values,
-        y=shown.coords["doppler"].values,
-        level_db=level_db,
-        limits_db=level_limits_db(level_db, db_range),
-    )
-    axes.set(xlim=(0.0, float(shown.coords["cadence"].values[-1])), ylim=doppler_limits_hz(shown**2))
+    cadence_hz = shown.coords["cadence"].values
+    image = plot_map(axes, cadence_hz, shown.coords["doppler"].values, level_db, db_range)
+    axes.set(xlim=(0.0, float(cadence_hz[-1])), ylim=doppler_limits_hz(shown**2))
     if gait_frequency_hz is not None:
         higher_hz = (2.0 * gait_frequency_hz, 3.0 * gait_frequency_hz) if harmonics_hz is None else harmonics_hz
         marked_hz = {
@@ -305,15 +268,8 @@ def cadence_map(
             label += f", and its harmonic{'s' * (len(numbers) > 1)} {' and '.join(numbers)}"
         for number, value in marked_hz.items():
             axes.axvline(value, ymin=0.94, color=style.LINE_COLOURS[0], lw=1.6, label=label if number == 1 else None)
-            axes.annotate(
-                str(number),
-                (value, 0.93),
-                xycoords=("data", "axes fraction"),
-                color=style.LINE_COLOURS[0],
-                fontsize=9,
-                ha="center",
-                va="top",
-            )
+            below: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "va": "top"}
+            style.write_note(axes, str(number), (value, 0.93), style.LINE_COLOURS[0], **below)
     from_line = cadence_map.attrs.get("aligned", False)
     doppler_label = style.FROM_LINE_LABEL if from_line else style.DOPPLER_LABEL
     style.name_axes(axes, title=title, x=style.CADENCE_LABEL, y=doppler_label)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterable, Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from threading import Lock
 from typing import Any, Literal
@@ -14,9 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 
-from doppelgait.core.config import check_type
+from doppelgait.core.config import check_choice, check_type
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.files import open_atomically
 from doppelgait.core.labels import STEP_LENGTHS
@@ -24,6 +26,10 @@ from doppelgait.core.labels import STEP_LENGTHS
 DPI = 110
 FIGURE_FORMATS = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
 """Formats of figure files, each with the metadata that are left out because they depend on date and version."""
+FILE_SETTINGS: Any = {"svg.hashsalt": "doppelgait", "pdf.fonttype": 42}
+"""The names of parts of an SVG file are otherwise random; journals refuse fonts of type 3."""
+PAPER_IN, PAPER_PT, PAPER_DPI = (3.5, 7.2), 8, 300
+"""Widths of one column and of two, text and resolution of a journal."""
 _SETTINGS_LOCK = Lock()
 MAP_COLOURS = "magma"
 """Colour map of levels, perceptually uniform from black, so that an empty scene is dark."""
@@ -147,6 +153,11 @@ def draw_grid(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
+def write_note(axes: Axes, text: str, at: tuple[float, float], colour: str, **look: Any) -> None:
+    """Write a short text next to a point of the axes."""
+    axes.annotate(text, at, color=colour, **{"fontsize": 9, "ha": "center", "va": "bottom", **look})
+
+
 def place_legend(axes: Axes, where: Literal["figure", "panel", "inside"] = "figure", *, columns: int = 6) -> None:
     """Put a legend below the figure or the panel, or inside it."""
     handles, labels = axes.get_legend_handles_labels()
@@ -169,7 +180,28 @@ def place_legend(axes: Axes, where: Literal["figure", "panel", "inside"] = "figu
             handle.set(sizes=[30.0], alpha=1.0)
 
 
-def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -> Path:
+def fit_to_paper(figure: Figure) -> None:
+    """Give a figure a journal's size and text, without titles: those are in the caption."""
+    width_in, height_in = figure.get_size_inches()
+    panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+    new_in = PAPER_IN[len(panels) > 1]
+    figure.set_size_inches(new_in, max(new_in * height_in / width_in, 0.7 * PAPER_IN[0]))
+    figure.set_dpi(PAPER_DPI)
+    figure.suptitle("")
+    for axes in figure.axes:
+        for side in ("left", "center", "right"):
+            axes.set_title("", loc=side)
+        axes.tick_params(labelsize=PAPER_PT)
+    for legend in list(figure.legends):  # one entry below the other
+        entries: Any = legend.legend_handles, [text.get_text() for text in legend.get_texts()]
+        legend.remove()
+        figure.legend(*entries, loc="outside lower center", frameon=False)
+    for text in figure.findobj(Text):
+        words = text.get_text().replace(VELOCITY_LABEL, SHORT_VELOCITY_LABEL)
+        text.set(fontsize=PAPER_PT, text=re.sub(r", \d+ dB shown$", "", words))
+
+
+def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None, style: str = "screen") -> Path:
     """Write a figure as PNG, SVG or PDF, atomically.
 
     The same input gives the same bytes, provided that the figure was not rendered before: each
@@ -182,6 +214,8 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -
         Path that ends in ``.png``, ``.svg`` or ``.pdf``; the folder must exist.
     dpi : float, optional
         Pixels per inch; the figure's own by default.
+    style : {"screen", "paper"}
+        ``paper`` changes the figure: 3.5 inches, 7.2 with several panels; 8 pt, 300 dpi, no titles.
 
     Returns
     -------
@@ -208,9 +242,14 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -
     form = target.suffix.lower().removeprefix(".")
     if form not in FIGURE_FORMATS:
         raise AnalysisError(f"{target}: end the name of a figure in .png, .svg or .pdf")
+    check_choice(style, ("screen", "paper"), "style")
+    if style == "paper":
+        fit_to_paper(figure)
+    if form != "png":  # maps keep the resolution of their data
+        for picture in figure.findobj(AxesImage):
+            picture.set_interpolation("none")
     image = io.BytesIO()
-    names = rc_context({"svg.hashsalt": "doppelgait"}) if form == "svg" else nullcontext()  # otherwise random
-    with _SETTINGS_LOCK if form == "svg" else nullcontext(), names:
+    with _SETTINGS_LOCK, rc_context(FILE_SETTINGS):
         figure.savefig(image, format=form, dpi=dpi or figure.dpi, metadata=dict.fromkeys(FIGURE_FORMATS[form]))
     with open_atomically(target) as partial:
         partial.write_bytes(image.getvalue())

@@ -188,6 +188,12 @@ def test_select(dataset):
     number = list(index["id"]).index(part.index["id"][0])
     assert np.array_equal(part.array("signature", 0), dataset.array("signature", number))
     assert len(dataset.select("prf_hz < 0")) == 0
+    assert list(dataset.select("truth_range_m < 3.5", label="dog").index["id"]) == list(part.index["id"])
+    split = dataset.select(label=["dog", "human"], split="test")
+    assert list(split.index["id"]) == list(dataset["test"].index["id"])
+    assert (dataset[0].id, dataset[-1].id) == (index["id"].iloc[0], index["id"].iloc[-1])
+    with pytest.raises(DatasetError, match=r"no column 'lable'; near in spelling: label"):
+        dataset.select("prf_hz > 0", lable="dog")
 
 
 @pytest.mark.parametrize(
@@ -198,7 +204,7 @@ def test_select(dataset):
         ("select", "truth_range_m + 1", "is no condition"),
         ("__getitem__", "validation", "no split 'validation'; there are test, train"),
         ("__getitem__", "humn-000001", "neither .* here; the splits are train, test; near in spelling: human-000001"),
-        ("__getitem__", 3, "neither a split nor the id"),
+        ("__getitem__", 999, r"no example 999, only 0 to \d+$"),
         ("features", ["truth_aspct_deg"], "no column 'truth_aspct_deg'; near in spelling: truth_aspect_deg"),
         ("features", ["x"], "no column 'x'.*; dataset.index.columns lists all"),
         ("features", ["label"], "label: holds .* values, which are not features"),

@@ -22,6 +22,7 @@ WITH_EXAMPLES = [path for path in MODULES if ">>> " in path.read_text()]
 MOST_WORDS = 12
 STEPS = "choose_line_order count_independent_bins count_independent_columns crop_to_frame detrend_order"
 WITHOUT_EXAMPLE = {
+    "doppelgait": {"FrozenModel"},  # the base of parameters, shown in pages
     "doppelgait.classify": {"levels"},  # shown in a page; needs torch, an optional package
     "doppelgait.pipeline": {"choose_lowest_prf", "describe_results", "parse_radar", "parse_run"},  # for commands
     "doppelgait.processing": {*STEPS.split(), "gaussian_window", "get_burst_pulses", "needs_alignment"},

@@ -14,10 +14,10 @@ from itertools import groupby, islice
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.core.units import FloatArray
 from doppelgait.dataset.config import list_some
 from doppelgait.dataset.feasibility import LIMITS, limits_of_index
 from doppelgait.dataset.resolve import ExampleSpec
@@ -26,8 +26,6 @@ from doppelgait.dataset.shard_files import INDEX_NAMES, Arrays, decode
 from doppelgait.dataset.verify.contents import MIN_PER_CLASS, Check, Contents, judge
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run_simulation
-
-FloatArray = npt.NDArray[np.float64]
 
 MIN_SHARE = 2.0 / 3.0
 LEVEL = 1e-3

@@ -9,7 +9,7 @@ from inspect import Parameter, Signature, cleandoc, signature
 from typing import Any
 
 from doppelgait.core.config import FrozenModel, validate
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, list_choices
 from doppelgait.core.plugins import Group
 from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.motion.motion import Motion
@@ -30,10 +30,7 @@ MOTION_MODELS: Group[Generate] = Group(
 
 def get_parameters(kind: str) -> type[FrozenModel]:
     """Return a motion model's parameter model."""
-    found = MOTION_MODELS[kind].parameters
-    if found is None:
-        raise ConfigError(f"motion model {kind!r} is registered without parameters; it needs a model of them")
-    return found
+    return MOTION_MODELS[kind].parameters  # type: ignore[return-value]  # there are none without
 
 
 class MotionTable(dict[str, Any]):
@@ -45,7 +42,9 @@ class MotionTable(dict[str, Any]):
 
 def check_table(table: Mapping[str, Any], **location: Any) -> MotionTable:
     """Check the table of a model's motion; a checked one only after a change."""
-    model = get_parameters(str(table["kind"]))
+    if (kind := str(table["kind"])) not in MOTION_MODELS:
+        raise ConfigError(f"unknown kind {kind!r}; known are: file, {list_choices(MOTION_MODELS, kind)}")
+    model = get_parameters(kind)
     made = MotionTable(table)
     made.checked = repr(table)  # it tells nested values that were changed in place, and True from 1.0
     if isinstance(table, MotionTable) and made.checked == table.checked and type(table.parameters) is model:

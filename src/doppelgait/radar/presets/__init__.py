@@ -11,7 +11,7 @@ from typing import Any
 
 from doppelgait.core.config import check_type, format_line_note, read_toml
 from doppelgait.core.draws import replace_by_middle
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, list_choices
 
 CONDITIONS = ("environment", "impairments")
 """Keys of a preset's file that are not parameters of the radar."""
@@ -104,5 +104,8 @@ def _parse_built_in(name: str) -> dict[str, Any]:
     if name not in (names := list_preset_names()):
         is_odd = os.path.exists(name) and not os.path.isfile(name)
         words = f"{name!r} is no regular file" if is_odd else f"unknown radar preset {name!r}"
-        raise ConfigError(f"{words}; known are: {', '.join(names)}; or give the path of a file that ends in .toml")
+        titles = {each: _parse_built_in(each)["name"].lower().replace(",", "") for each in names}
+        near = (each for each, title in titles.items() if name.lower() in (each, *title.split()))
+        known = list_choices(names, next(near, name))
+        raise ConfigError(f"{words}; known are: {known}; or give the path of a file that ends in .toml")
     return read_toml(Path(__file__).with_name(f"{name}.toml"))[0]

@@ -28,7 +28,6 @@ __all__ = [
     "RADAR_WRITERS",
     "find_formats",
     "find_recordings",
-    "is_folder_of_recordings",
     "list_writers",
     "read_recording",
     "read_several",
@@ -156,11 +155,6 @@ def find_formats(path: Path, *, by_name: bool = True) -> list[str]:
         return []
 
 
-def is_folder_of_recordings(path: Path) -> bool:
-    """Return whether a path is a folder of recordings; that of one XeThru recording is not."""
-    return path.is_dir() and not find_formats(path)
-
-
 def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
     """Yield recordings of files and folders once, sorted, with True for a named path."""
     endings = {s for reader in RADAR_READERS.values() for s in reader.facts["suffixes"] if s.startswith(".")}
@@ -170,7 +164,7 @@ def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
     def walk(path: Path, named: bool) -> Iterator[tuple[Path, bool]]:
         if not named and path.is_dir() and path.is_symlink():
             return  # it may lead back
-        if is_folder_of_recordings(path):
+        if path.is_dir() and not find_formats(path):  # one XeThru recording has one
             for entry in sorted(path.iterdir()):
                 yield from walk(entry, False)
             return

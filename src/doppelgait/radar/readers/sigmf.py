@@ -221,9 +221,7 @@ def parse_sigmf(
     channels: Literal["iq"] | None = None,
     ignore_checksum: bool = False,
 ) -> Parsed:
-    """Read a SigMF recording, a pair of files or an archive. Two real channels can be I and Q
-    (``channels="iq"``); a single one is the one output of a module.
-    """
+    """Read a SigMF recording, a pair of files or an archive."""
     meta = read_metadata(path)
     samples = read_samples(path, meta, channel=channel, channels=channels, ignore_checksum=ignore_checksum)
     labels = dict.fromkeys(str(note["core:label"])[:80] for note in meta.annotations if "core:label" in note)
