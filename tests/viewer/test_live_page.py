@@ -30,6 +30,13 @@ def walk():
     return simulate(scene, Radar.preset("x4", prf_hz=700.0), rng=rng(3), snr_db=20.0)
 
 
+def a_page():
+    page = Rolling("walk")
+    assert unpack(page.payload())[0]["state"] == "waiting"
+    page.begin("X4", MODEL)
+    return page
+
+
 def frames_of(recording):
     return zip(recording.slow_time_s, recording.samples.matrix, strict=True)
 
@@ -37,7 +44,7 @@ def frames_of(recording):
 @pytest.fixture(scope="module")
 def followed(walk):
     """A page that has followed the walk, and the decisions."""
-    page, decisions = Rolling("walk", "X4", MODEL), []
+    page, decisions = a_page(), []
     running = live(frames_of(walk), walk.radar, MODEL)
     for window, found, results in running.windows():
         page.add(window, found, results, vars(running.counts), 0.1)
@@ -70,7 +77,7 @@ def test_the_page_changes_no_decision(walk, followed):
 
 
 def test_memory_does_not_grow(walk):
-    page, running = Rolling("walk", "X4", MODEL), live(frames_of(walk), walk.radar, MODEL)
+    page, running = a_page(), live(frames_of(walk), walk.radar, MODEL)
     seen = [item for item in running.windows() if item[1]]
     sizes = []
     for turn in range(120):  # ten minutes of it, moved in time
@@ -91,7 +98,7 @@ def test_memory_does_not_grow(walk):
 
 
 def test_the_page_before_a_window_and_after_the_end(walk, followed):
-    page = Rolling("walk", "X4", MODEL)
+    page = a_page()
     facts, arrays = unpack(page.payload())
     assert (facts["state"], facts["stop_s"], facts["range_time"], arrays) == ("waiting", None, None, {})
     page.end("the sender was killed", {"frames": 3})

@@ -182,10 +182,9 @@ def live(
     from doppelgait.viewer.live_page import Rolling
     from doppelgait.viewer.server import open_in_browser, serve_live
 
-    asked = {f"--port {port}": port is not None, "--no-browser": no_browser}
-    unused = [option for option, is_set in asked.items() if is_set and not view]
-    if unused:
-        raise ConfigError(f"{unused[0]}: has no effect without --view; add --view to see the page, or leave it out")
+    if not view and (no_browser or port is not None):
+        unused = "--no-browser" if port is None else f"--port {port}"
+        raise ConfigError(f"{unused}: has no effect without --view; add --view to see the page, or leave it out")
     window_s, hop_s = (windows[name] for name in ("window_s", "hop_s"))
     wrong_s = [one for one in (window_s, hop_s) if one is not None and not 0.05 <= one <= 600.0]
     if wrong_s or (hop_s or 0.0) > (window_s or 600.0):
@@ -199,7 +198,11 @@ def live(
         stream = open_stream(source, timeout_s=timeout_s, once=not is_service, **apply_overrides({}, options or []))
         ends.callback(lambda: stream.close())
         print_message(f"listening: {stream.source}")
-        page, run, next_track, explained = None, 0, 0, False
+        page, run, next_track, explained = Rolling(stream.source) if view else None, 0, 0, False
+        if page is not None:
+            url = ends.enter_context(serve_live(page, port or 0))
+            print_message(f"page: {url}")
+            ends.enter_context(nullcontext() if no_browser else open_in_browser(url))
 
         def put(kind: str, facts: Mapping[str, Any]) -> None:
             nonlocal next_track
@@ -216,11 +219,8 @@ def live(
             try:
                 radar = stream.radar  # waits for a sensor
                 loaded = (own or load_model_for_radar(radar)).of_tracks
-                if view and page is None:
-                    page = Rolling(stream.source, radar.name, loaded)
-                    url = ends.enter_context(serve_live(page, port or 0))
-                    print_message(f"page: {url}")
-                    ends.enter_context(nullcontext() if no_browser else open_in_browser(url))
+                if page is not None:
+                    page.begin(radar.name, loaded)
                 running = run_live(stream, radar, loaded, range_m=stream.range_m, skip=is_sensor, **windows)
                 facts = {"source": stream.source, "radar": radar.name, "carrier_hz": radar.carrier_hz}
                 facts |= {"prf_hz": radar.prf_hz, "model": describe_model(loaded, model)}

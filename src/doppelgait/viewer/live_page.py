@@ -38,16 +38,9 @@ MOST_MARKS = 2000  # largest number of decisions that are kept
 class Rolling:
     """Last half minute of pictures, tracks and decisions."""
 
-    def __init__(self, source: str, radar: str, model: Model) -> None:
-        self._facts = {
-            "source": source,
-            "radar": radar,
-            "classes": list(model.facts.classes),
-            "alarm_class": model.facts.alarm,
-            "alarm_threshold": model.facts.alarm_threshold,
-            "abstain_below": model.facts.abstain_below,
-        }
-        self._alarm = model.facts.alarm
+    def __init__(self, source: str) -> None:
+        self._facts: dict[str, Any] = {"source": source, "radar": "no sensor so far"}
+        self._alarm: str | None = None
         self._lock = threading.Lock()
         self._columns: dict[str, deque[tuple[int, npt.NDArray[np.float32]]]] = {
             name: deque(maxlen=round(SPAN_S / STEP_S)) for name in ("range_time", "signature")
@@ -58,6 +51,13 @@ class Rolling:
         self._state: dict[str, Any] = {"state": "waiting", "reason": "", "counts": {}}
         self._begin_s = math.inf
         self._stop_s: float | None = None
+
+    def begin(self, radar: str, model: Model) -> None:
+        """Store the radar and the model of a run."""
+        keys = ("classes", "alarm_threshold", "abstain_below")
+        facts = {"radar": radar, "alarm_class": model.facts.alarm, **model.facts.model_dump(include={*keys})}
+        with self._lock:
+            self._facts, self._alarm = {**self._facts, **facts}, model.facts.alarm
 
     def add(
         self,
@@ -127,9 +127,9 @@ class Rolling:
     def _put(
         self, name: str, times_s: npt.NDArray[np.float64], power: npt.NDArray[Any], rows: npt.NDArray[np.float64]
     ) -> None:
-        """Combine powers (time, row) with their columns."""
-        # If a body stands still in one window, clutter removal leaves its mean at the times when it is elsewhere; other
-        # windows are better there. The signatures of two targets are superimposed.
+        # Powers (time, row) are combined with their columns. If a body stands still in one window, clutter removal
+        # leaves its mean at the times when it is elsewhere; other windows are better there. The signatures of two
+        # targets are superimposed.
         join = np.minimum if name == "range_time" else np.maximum
         block = find_block_size(rows.size, MOST_ROWS)
         centres = np.array([part.mean() for part in np.array_split(rows, range(block, rows.size, block))])
