@@ -288,7 +288,7 @@ def glb(path: Path, *, times_s: np.ndarray = KEYS_S, rotations: str = "f4", **sc
     return path
 
 
-def write_movement(path: Path, *, axes: tuple[str, ...], space: str = "xyz", **attributes: Any) -> Path:
+def write_movement(path: Path, *, axes: tuple[str, ...], space: str = "xyz", more: int = 0, **attributes: Any) -> Path:
     sizes = {"time": len(BODY_M), "space": len(space), "keypoints": 16, "individuals": 2}
     position = np.stack([BODY_M, BODY_M + 1.0])[..., : len(space)]  # individuals, time, keypoints, space
     order = ["individuals", "time", "keypoints", "space"]
@@ -296,7 +296,7 @@ def write_movement(path: Path, *, axes: tuple[str, ...], space: str = "xyz", **a
         file["position"] = position.transpose(
             [order.index(axis.rstrip("s") + "s" * (axis != "time" and axis != "space")) for axis in axes]
         )
-        labels = {"space": list(space), "keypoints": NAMES, "individuals": ["Eva", "Jim"]}
+        labels = {"space": list(space), "keypoints": NAMES + ["tail"] * more, "individuals": ["Eva", "Jim"]}
         for n, axis in enumerate(axes):
             key = next(name for name in sizes if name.rstrip("s") == axis.rstrip("s"))
             file[axis] = np.arange(sizes[key]) / RATE_HZ if axis == "time" else labels[key]

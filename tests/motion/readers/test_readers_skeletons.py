@@ -149,6 +149,7 @@ def write_sleap(path: Path, *, image: bool = False) -> Path:
         (lambda p: write_movement(p, axes=("time", "individual", "keypoint", "space"), time_unit="seconds"), {}, ""),
         (lambda p: write_movement(p, axes=("time", "space", "keypoint", "individual")), {}, "no frame rate"),
         (lambda p: write_movement(p, axes=("time", "space", "keypoint", "individual"), space="xy"), {}, "Triangulate"),
+        (lambda p: write_movement(p, axes=("time", "space", "keypoint", "individual"), more=1), {}, "names 34 points"),
         (write_sleap, {"rate_hz": RATE_HZ}, ""),
         (lambda p: write_sleap(p, image=True), {"rate_hz": RATE_HZ}, "image coordinates; triangulate"),
         (write_pandas, {"rate_hz": RATE_HZ}, ""),

@@ -413,6 +413,8 @@ def _parse_movement(path: Path, file: Any) -> Points:
     wanted = [axes[axis] for axis in ("time", "individual", "keypoint", "space")]
     position = np.asarray(file["position"][:], dtype=np.float64).transpose(wanted)
     labels = [f"{owner}:{name}" for owner in names["individual"] for name in names["keypoint"]]
+    if position.shape[1:] != (len(names["individual"]), len(names["keypoint"]), 3):
+        raise MotionError(f"{path}: names {len(labels)} points; its positions are {position.shape}")
     fps, seconds = get_attribute(file, "fps"), np.asarray(file["time"][:], dtype=np.float64)
     is_timed = get_attribute(file, "time_unit") in ("seconds", b"seconds") and np.isfinite(seconds).all()
     digit_s = 1e-9 * max(float(np.abs(seconds).max(initial=0.0)), 1.0)

@@ -36,8 +36,7 @@ def convert_unit_to_metres(path: Path, name: str) -> float:
     return factor
 
 
-AXES = ("x", "y", "z", "-x", "-y", "-z")
-"""Allowed names of the upward direction."""
+AXES = ("x", "y", "z", "-x", "-y", "-z")  # allowed names of the upward direction
 
 _ROTATIONS = {
     "z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
@@ -289,7 +288,7 @@ def pick_markers(
     markers = [i for i in range(len(labels)) if i not in reasons]
     if not markers:
         kinds = ", ".join(sorted(set(reasons.values())))
-        raise MotionError(f"{path}: holds no marker positions: its {len(reasons)} points are {kinds}")
+        raise MotionError(f"{path}: holds no marker positions: {len(reasons)} points are {kinds}")
     # ghosts and unlabelled points were also measured by cameras
     measured = len(labels) - sum(reason.startswith("model output") for reason in reasons.values())
     counts = Counter(_find_prefix(labels[i]) for i in markers)
@@ -325,8 +324,7 @@ def pick_markers(
 
 _FIRST_WORD = re.compile(r"(?P<body>[^_ .-]+)[_ .-]+(?P<name>.+)")
 _LAST_WORD = re.compile(r"(?P<name>.+?)(?:[_ .-]+|(?=\d+$))(?P<body>[^_ .-]+)")
-APART_M = 0.25
-"""Minimum distance of the middles of two bodies; markers 1 and 2 of segments of one are closer."""
+APART_M = 0.25  # least distance of two bodies' middles; markers 1 and 2 of segments are closer
 LINK_M, LINK_SWAY_M = 1.0, 0.15
 """Mean distance of two points of one body without names, and standard deviation of it, below which they are linked."""
 MAX_LINKED, MAX_LOOKS = 300, 64
@@ -498,18 +496,19 @@ def find_unit(path: Path, name: str, position: FloatArray) -> str:
     return guess
 
 
-FARTHEST_M, MOST_FAR = 1e4, 0.01
-"""Maximum distance from the origin, and share of samples beyond it: damage, not a wrong unit."""
-MOST_WIDE = 0.1
-"""Maximum share of frames in which the points span more than a body."""
-BODY_M = (0.05, 15.0)
-"""Allowed extent of a body, or of its recorded part."""
+FARTHEST_M, FAR_M, MOST_FAR = 1e4, 1e3, 0.01
+"""Maximum distance from the origin and from the others, and share of samples beyond it: damage, not a wrong unit."""
+MOST_WIDE = 0.1  # share of frames in which the points may span more than a body
+BODY_M = (0.05, 15.0)  # extent of a body, or of its recorded part
 
 
 def remove_implausible(path: Path, position_m: FloatArray) -> list[str]:
     """Remove implausible positions and check the body's size. Shapes: position_m (T, P, 3)."""
     with np.errstate(invalid="ignore"):
         far = ~(np.abs(position_m) <= FARTHEST_M) & ~np.isnan(position_m)
+        wide = (np.fmax.reduce(position_m, axis=1) - np.fmin.reduce(position_m, axis=1)).max(axis=1) > FAR_M
+        middle = np.nanmedian(position_m[wide], axis=1, keepdims=True)
+        far[wide] |= np.abs(position_m[wide] - middle) > FAR_M
     seen = int(np.count_nonzero(~np.isnan(position_m).any(axis=2)))
     n_far = int(np.count_nonzero(far.any(axis=2)))
     notes: list[str] = []
@@ -521,7 +520,7 @@ def remove_implausible(path: Path, position_m: FloatArray) -> list[str]:
         )
     if n_far:
         position_m[far] = np.nan
-        notes.append(f"{n_far:,} positions farther than {FARTHEST_M:g} m from the origin were treated as gaps")
+        notes.append(f"{n_far:,} positions far from the origin or the others were treated as gaps")
         warn_caller(f"{path}: {notes[-1]}; the file is damaged")
     if seen <= n_far:
         return notes  # cleaning reports that nothing was seen
@@ -567,8 +566,7 @@ def has_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
     return bool(step[0] > 5.0 * np.median(step[1:]))
 
 
-CMU_METRES = 0.0254 / 0.45
-"""Length unit of the CMU skeletons, 1/0.45 inch: their ASF files state ``length 0.45``."""
+CMU_METRES = 0.0254 / 0.45  # unit of the CMU skeletons, 1/0.45 inch: their ASF files state 0.45
 SAME_PLACE = 1e-4  # maximum distance of nodes that are one point, relative to the skeleton's size
 STILL = 1e-3  # minimum movement of a root that moves, relative to the skeleton's size
 METRIC = {"m": 1.0, "cm": 0.01, "mm": 0.001}
