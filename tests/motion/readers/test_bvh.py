@@ -214,7 +214,7 @@ def test_bones_of_a_rig_push_out_the_rest(tmp_path: Path) -> None:
     values = np.zeros((30, 6 + 3 * (len(tree) - 1)))
     values[:, 2] = np.arange(30)
     motion = read(write(tmp_path / "a.bvh", hierarchy(tree, "Bip01"), rows(values), 30), clean=False)
-    assert motion.report["dropped"]["rig helper (not one of the b_ bones)"] == [
+    assert motion.report["dropped"]["rig helper (no b_ bone)"] == [
         "Bip01", "Dog_Armor", "Dog_Armor_End",
     ]  # fmt: skip
     assert all(name.startswith("b_") for name in motion.markers)

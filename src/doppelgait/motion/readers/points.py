@@ -288,7 +288,7 @@ def pick_markers(
     markers = [i for i in range(len(labels)) if i not in reasons]
     if not markers:
         kinds = ", ".join(sorted(set(reasons.values())))
-        raise MotionError(f"{path}: holds no marker positions: {len(reasons)} points are {kinds}")
+        raise MotionError(f"{path}: holds no marker positions: its {len(reasons)} points are {kinds}")
     # ghosts and unlabelled points were also measured by cameras
     measured = len(labels) - sum(reason.startswith("model output") for reason in reasons.values())
     counts = Counter(_find_prefix(labels[i]) for i in markers)
@@ -591,7 +591,7 @@ def pick_joints(path: Path, names: Sequence[str], parents: Sequence[int], positi
     # bones of the body are named b_... in 3ds Max rigs; other nodes control them or are attached
     if 2 * len(bones) > len(names):
         others = set(range(len(names))) - set(bones)
-        reasons |= {j: "rig helper (not one of the b_ bones)" for j in sorted(others - set(reasons))}
+        reasons |= {j: "rig helper (no b_ bone)" for j in sorted(others - set(reasons))}
     # the root, if it is no joint of the body: one child at a distance, and it never moves or is so named
     children = [j for j, parent in enumerate(parents) if parent == 0 and j not in reasons]
     if len(children) == 1 and len(names) >= 3 and 0 not in reasons:
