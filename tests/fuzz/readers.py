@@ -360,7 +360,7 @@ def run_further(folder: Path) -> None:
     from doppelgait.radar import read_recording
 
     path = main_file(folder, *FURTHER)
-    name = FURTHER[path.suffix]
+    name = FURTHER.get(path.suffix, "wav")  # of a file that was deleted meanwhile
     check_recording(read_recording(path, format=name, **recording_files.sample_options(name)))
 
 

@@ -40,7 +40,7 @@ sizes = iter(range(0, 1_700_000_000, 95_000_000))  # each peak a little above th
 
 
 TARGETS = {
-    "growing": Target(seeds, lambda folder: bytearray(b"a") * next(sizes), share=17),
+    "growing": Target(seeds, lambda folder: bytearray(b"a") * next(sizes), share=850),
     "hang": Target(seeds, once(hang)),
     "crash": Target(seeds, once(os.abort)),
     "memory": Target(seeds, once(lambda: bytearray(b"a") * 1_500_000_000)),
