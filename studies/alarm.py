@@ -67,7 +67,7 @@ def main() -> None:
             human = model.of_tracks.facts.classes.index("human")
             answers = [follow_rows(each, model)[:, human] for each in datasets]
             pairs = enumerate(zip(datasets, answers, strict=True))  # recordings of other seeds have equal names
-            parts = [answer_day(*pair).assign(scene=lambda all, n=n: f"{n}/" + all["scene"]) for n, pair in pairs]
+            parts = [answer_day(*pair).assign(scene=lambda table, n=n: f"{n}/" + table["scene"]) for n, pair in pairs]
             episodes = pd.concat(parts, ignore_index=True)
             ends = bench.score_part(dataset, answers[0])
             at_5 = score_at_threshold(day, episodes, ends["alarm"]["threshold"])

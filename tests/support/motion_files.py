@@ -247,7 +247,7 @@ CUBIC = np.array([[0.0, 3.0, -2.0, 5.0], [0.0, -90.0, 20.0, -4.0], [90.0, 1.0, 2
 SPIN = Rotation.from_euler("xyz", [0.8, 0.3, 0.2])
 
 
-def glb(path: Path, *, times_s: np.ndarray = KEYS_S, rotations: str = "f4", **scene: Any) -> Path:
+def glb(path: Path, *, times_s: np.ndarray = KEYS_S, rotations: str = "f4", how: str = "LINEAR", **scene: Any) -> Path:
     """A skeleton in cm below an armature: cubic travel, steady swing, a leg that steps, and a key of scale."""
     powers = np.vander(times_s, 4, increasing=True)
     slopes = np.stack([np.zeros_like(times_s), np.ones_like(times_s), 2 * times_s, 3 * times_s**2], axis=1)
@@ -256,7 +256,7 @@ def glb(path: Path, *, times_s: np.ndarray = KEYS_S, rotations: str = "f4", **sc
     swing[::2] *= -1.0  # the same rotations
     steps = Rotation.from_euler("x", 0.3 * (np.arange(len(times_s)) % 2)[:, None]).as_quat()
     arrays = [times_s[:, None], travel, swing, steps]
-    tracks = [(1, "translation", "CUBICSPLINE"), (4, "rotation", "LINEAR"), (7, "rotation", "STEP")]
+    tracks = [(1, "translation", "CUBICSPLINE"), (4, "rotation", how), (7, "rotation", "STEP")]
     binary, views, accessors = b"", [], []
     for n, values in enumerate(arrays):
         stored = values.astype("<f4")

@@ -98,6 +98,7 @@ def test_animations_are_interpolated_as_gltf_states(tmp_path: Path, rate_hz: flo
         ({"buffers": [{"uri": "walk.bin", "byteLength": 9}]}, r"save all in one \.glb"),
         ({"nodes": [{"children": [1]}, {"children": [0]}]}, "the nodes form no tree"),
         ({"accessors": []}, "damaged or unusual glTF"),
+        ({"how": "SMOOTH"}, "the interpolation 'SMOOTH' is unknown"),
     ],
 )
 def test_what_a_gltf_file_lacks_is_named(tmp_path: Path, scene: dict[str, Any], says: str) -> None:

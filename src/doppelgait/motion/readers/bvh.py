@@ -284,6 +284,8 @@ def _interpolate(keys_s: FloatArray, values: FloatArray, how: str, times_s: Floa
     k = np.searchsorted(keys_s, times_s, side="right") - 1
     if how == "CUBICSPLINE":
         into, values, out = np.moveaxis(values.reshape(len(keys_s), 3, -1), 1, 0)
+    elif how not in ("LINEAR", "STEP"):
+        raise ValueError(f"the interpolation {how!r} is unknown; known are LINEAR, STEP and CUBICSPLINE")
     if how == "STEP" or len(keys_s) == 1:
         return values[k]
     if how == "LINEAR" and rotates:

@@ -181,10 +181,8 @@ def is_other(declared: str, count: int) -> bool:
     return declared.isdecimal() and (len(declared) > MAX_DIGITS or int(declared) != count)
 
 
-JITTER = 0.01
-"""Maximum time error of a frame, in frames. A larger one causes a false velocity."""
-COARSEST = 0.4
-"""Maximum rounding of a printed time, in frames. A missing frame appears as 0.5."""
+JITTER = 0.01  # maximum time error of a frame, in frames; a larger one causes a false velocity
+COARSEST = 0.4  # maximum rounding of a printed time, in frames; a missing frame appears as 0.5
 MAX_STEP = 2.5
 """Maximum step of irregular times to interpolate over, in median steps. A longer one is a gap."""
 INSTEAD = "or give rate_hz= if the frames are evenly spaced nevertheless"
