@@ -278,8 +278,9 @@ def damage_folder(folder: Path, rng: Rng) -> str:
             mutate = damage_text
         for _ in range(int(rng.choice([1, 1, 2, 3]))):
             content = mutate(content, rng)
-        if mutate in (damage_hdf5, damage_mat73) and rng.random() < 0.4:  # last: the library may fail when it writes
-            content = damage_bytes(content, rng)
+        if mutate in (damage_hdf5, damage_mat73, damage_mat5) and rng.random() < 0.4:
+            head = 128 * (mutate is damage_mat5)  # last: libraries may crash when they read it again
+            content = content[:head] + damage_bytes(content[head:], rng)
         path.write_bytes(content[: 1 << 22])
         said.append(path.name)
     return ", ".join(said)
@@ -292,17 +293,15 @@ def damage_mat73(content: bytes, rng: Rng) -> bytes:
 
 
 def damage_mat5(content: bytes, rng: Rng) -> bytes:
-    """One change to the variables of a MATLAB file of version 5, or to its bytes."""
+    """One change to the variables of a MATLAB file of version 5."""
     from scipy.io import loadmat, savemat
 
-    if rng.random() < 0.5:
-        return content[:128] + damage_bytes(content[128:], rng)
+    variables = {key: value for key, value in loadmat(io.BytesIO(content)).items() if key[:1] != "_"}
+    name = list(variables)[rng.integers(len(variables))]
+    buffer = io.BytesIO()
     try:
-        variables = {key: value for key, value in loadmat(io.BytesIO(content)).items() if key[:1] != "_"}
-        name = list(variables)[rng.integers(len(variables))]
         variables[name] = damage_array(variables[name], rng)
-        buffer = io.BytesIO()
         savemat(buffer, variables, do_compression=bool(rng.integers(2)))
-        return buffer.getvalue()
-    except Exception:  # an earlier change
-        return damage_bytes(content, rng)
+    except Exception:  # a value that MATLAB does not take
+        return content
+    return buffer.getvalue()

@@ -102,11 +102,10 @@ def place_pulses(
     """Place measured pulses on even times by their stamps; ``burst_pulses`` declares bursts."""
     stamps = np.asarray(stamps_s, dtype=np.float64)
     steps = np.diff(stamps) if np.isfinite(stamps).all() else np.zeros(1)
+    said = f"{where}: its times are not finite, all equal, falling or too large ({stamps[0]:g} to {stamps[-1]:g} s)"
+    wrong = RecordingError(f"{said}; correct them, or leave them out and give prf_hz")
     if (steps > 0).sum() < min(2, steps.size) or (steps < 0).mean() > 0.5:
-        raise RecordingError(
-            f"{where}: its times are not finite, all equal or falling ({stamps[0]:g} to {stamps[-1]:g} s); correct "
-            "them, or leave them out and give prf_hz"
-        )
+        raise wrong
     facts: dict[str, Any] = {}
     if abs(stamps[0]) > LATEST_S:
         unit = "ms" if abs(stamps[0]) < 1e3 * LATEST_S else "us" if abs(stamps[0]) < 1e6 * LATEST_S else "ns"
@@ -118,8 +117,10 @@ def place_pulses(
     if burst_pulses is not None or (_is_even(stamps) and FASTEST_S < stamps[1] - stamps[0] <= SLOWEST_S):
         return Placed(row, stamps, measure_rate_hz(stamps, burst_pulses), facts)
     stamps, notes = _remove_spikes(stamps)
-    row, stamps, said = _order(stamps)
-    notes += said
+    if np.ptp(stamps) > LATEST_S:
+        raise wrong
+    row, stamps, order = _order(stamps)
+    notes += order
     if not _has_rate(stamps, stated_hz) and (bursts := prove_bursts(stamps)) is not None:
         return _place_bursts(row, stamps, *bursts, facts, notes)
     pulse, cuts = _locate(stamps, stated_hz)
@@ -223,14 +224,13 @@ def _keep_even(stamps: FloatArray, times: FloatArray, step_s: float) -> FloatArr
 def measure_rate_hz(stamps_s: FloatArray, burst_pulses: int | None = None) -> float:
     """Return the rate of the pulses, in bursts that within a burst."""
     if burst_pulses is None or burst_pulses < 2:
-        return (stamps_s.size - 1) / float(stamps_s[-1] - stamps_s[0])
+        return (stamps_s.size - 1) / float(np.ptp(stamps_s))
     inside = np.arange(1, stamps_s.size) % burst_pulses != 0
     return 1.0 / float(np.median(np.diff(stamps_s)[inside]))
 
 
 def _is_even(stamps: FloatArray) -> bool:
-    step_s = (stamps[-1] - stamps[0]) / (stamps.size - 1)
-    line = np.linspace(stamps[0], stamps[-1], stamps.size)
+    line, step_s = np.linspace(stamps[0], stamps[-1], stamps.size, retstep=True)
     return bool(step_s > 0 and np.abs(stamps - line).max() <= EVEN * step_s + 8 * np.spacing(np.abs(stamps[-1])))
 
 

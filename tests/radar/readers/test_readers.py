@@ -409,9 +409,10 @@ def test_axes_in_the_file_are_taken_as_they_are(tmp_path):
     np.testing.assert_array_equal(recording.baseband["slow_time"], bursts_s)
     np.testing.assert_array_equal(recording.baseband["range"], range_m)
     assert recording.radar.prf_hz == pytest.approx(3000)
-    np.savez(tmp_path / "b.npz", baseband=VALUES, slow_time_s=bursts_s[::-1], range_m=range_m)
-    with pytest.raises(RecordingError, match="all equal or falling"):
-        read_recording(tmp_path / "b.npz", carrier_hz=24e9)
+    for wrong_s in (bursts_s[::-1], [*bursts_s[:-1], 1e30], [*bursts_s[:-2], 1e308, 0.6]):
+        np.savez(tmp_path / "b.npz", baseband=VALUES, slow_time_s=wrong_s, range_m=range_m)
+        with pytest.raises(RecordingError, match="all equal, falling or too large"):
+            read_recording(tmp_path / "b.npz", carrier_hz=24e9, prf_hz=3000)
     np.savez(tmp_path / "c.npz", baseband=VALUES, range_m=range_m[:4])
     with pytest.raises(RecordingError, match=r"range_m is float64 of shape \(4,\); it must be 5 real numbers"):
         read_recording(tmp_path / "c.npz", carrier_hz=24e9, prf_hz=3)
