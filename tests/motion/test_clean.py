@@ -94,10 +94,11 @@ def test_a_standing_or_squatting_person_keeps_its_feet() -> None:
         assert clean_motion(motion_of(squat)).positions.sizes["marker"] == 7
 
 
-@pytest.mark.parametrize("length", [1, 2])
-def test_spikes_are_replaced(length: int) -> None:
+@pytest.mark.parametrize(("length", "away_m", "lost"), [(1, 0.4, 0), (2, 0.4, 0), (1, 50.0, 2)])
+def test_spikes_are_replaced(length: int, away_m: float, lost: int) -> None:
     spiky = walk()
-    spiky[150 : 150 + length, 3] += [0.0, 0.4, 0.0]
+    spiky[150 : 150 + length, 3] += [0.0, away_m, 0.0]
+    spiky[150 + length : 150 + length + lost, 3] = np.nan
     clean = clean_motion(motion_of(spiky), lowpass_hz=None, floor=False)
     assert clean.report["spikes_removed"] == length
     np.testing.assert_allclose(clean.position_m, walk(), atol=1e-4)

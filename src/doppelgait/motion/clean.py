@@ -89,8 +89,7 @@ def _find_next_swap(
 def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
     """Find steps off a smooth path. The positions are not changed. Shapes: position (T, P, 3)."""
     step, limit = find_steps(position, rate_hz=rate_hz, **JUMP)
-    edge = np.full((1, step.shape[1]), -1.0)
-    known = np.concatenate([edge, np.nan_to_num(step, nan=-1.0), edge])
+    known = np.pad(np.nan_to_num(step, nan=-1.0), ((1, 1), (0, 0)), constant_values=-1.0)
     # a jump disturbs the adjacent velocities: the frames before and after have apparent steps of half the size
     peak = (step > limit) & (known[1:-1] > known[:-2]) & (known[1:-1] >= known[2:])
     found = [{"frame": int(k), "point": names[p], "step_m": round(float(step[k, p]), 4)} for k, p in np.argwhere(peak)]
@@ -159,9 +158,8 @@ def find_useless_points(position: FloatArray, names: Sequence[str], parts: Seque
     return reasons | {i: why for i, why in doubles.items() if i not in reasons}
 
 
-SPIKE_M = 0.05
-SPIKE_ACCELERATION_MPS2 = 400.0
-"""Limits of a spike: more than 5 cm from its neighbours in time, and than this acceleration explains."""
+SPIKE_M, SPIKE_ACCELERATION_MPS2, BESIDE_MPS = 0.05, 400.0, 30.0
+"""A spike is farther from its neighbours than this and, beside a gap, than this speed explains."""
 
 
 def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
@@ -171,9 +169,11 @@ def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
     limit = max(SPIKE_M, SPIKE_ACCELERATION_MPS2 / rate_hz**2)
     padded = np.pad(position, ((2, 2), (0, 0), (0, 0)), mode="reflect", reflect_type="odd")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 5, axis=0)
-    # a gap inside the window makes the median NaN, and the sample is kept
-    away = np.linalg.norm(position - np.median(windows, axis=-1), axis=2)
-    spiky = away > limit
+    usual = np.median(windows, axis=-1)
+    beside = np.isnan(usual).any(axis=2) & np.isfinite(position).all(axis=2)
+    usual[beside] = np.nanmedian(windows[beside], axis=-1)
+    away = np.linalg.norm(position - usual, axis=2)
+    spiky = away > np.where(beside, max(limit, BESIDE_MPS * 2 / rate_hz), limit)  # it flies off before it is lost
     position[spiky] = np.nan
     return int(spiky.sum())
 
