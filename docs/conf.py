@@ -56,6 +56,7 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "image_scrapers": ("figure_scraper.scrape_figures",),
+    "ignore_repr_types": r"matplotlib\.",
     "reset_modules": (),
     "show_signature": False,
     "write_computation_times": False,  # that page loads scripts from elsewhere

@@ -1,10 +1,11 @@
-"""Figures of the gallery: those of ``doppelgait.viz`` are drawn without pyplot, so they are found by their type."""
+"""Figures of the gallery: those of pyplot, and those of ``doppelgait.viz``, which are found by their type."""
 
 from __future__ import annotations
 
 from typing import Any
 from weakref import WeakSet
 
+from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst
 
@@ -13,7 +14,7 @@ _saved: WeakSet[Figure] = WeakSet()
 
 
 def scrape_figures(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
-    """Save every figure among the variables of an example that was not there after its last block.
+    """Save every figure of pyplot, or among the variables, that was not there after the last block.
 
     Parameters
     ----------
@@ -26,7 +27,7 @@ def scrape_figures(block: Any, block_vars: dict[str, Any], gallery_conf: dict[st
         reStructuredText that shows the figures.
     """
     paths = []
-    for value in block_vars["example_globals"].values():
+    for value in [*block_vars["example_globals"].values(), *map(plt.figure, plt.get_fignums())]:
         if isinstance(value, Figure) and value not in _saved:
             _saved.add(value)
             path = next(block_vars["image_path_iterator"])

@@ -2,8 +2,8 @@
 A walking person
 ================
 
-A gait model, a scene, a radar and an analysis give a micro-Doppler signature. Each of the other pages changes one thing
-of this page.
+A notebook, executed: a gait model, a scene, a radar and an analysis give a micro-Doppler signature. Each of the other
+pages changes one thing of this page.
 """
 
 # sphinx_gallery_thumbnail_number = 4
@@ -12,19 +12,24 @@ import doppelgait as dg
 from doppelgait import viz
 
 # %%
-# **Motion.** A motion is named points of a body over time, in metres, z up. This one has 41 points of the walking model
-# of Boulic et al. (1990). For a motion-capture file, use ``dg.motion.read("walk.c3d")``; the rest stays the same.
+# **Motion.** A motion is named points of a body over time, in metres, z up. This one is a person whose joints, arms and
+# trunk move as measured ones do. For a motion-capture file, use ``dg.motion.read("walk.c3d")``; the rest stays the same.
 
-walk = dg.motion.boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=4.0)
+walk = dg.motion.human_gait(speed_mps=1.2, height_m=1.75, duration_s=4.0)
 figure = viz.stick_frames(walk)
 
 # %%
 # **Scene and radar.** The person walks straight towards a radar 1 m above the floor, and is 5 m away in the middle of
-# the observation. The preset ``x4`` is the Novelda XeThru X4. Thermal noise is drawn from ``rng``.
+# the observation. The preset ``x4`` is the Novelda XeThru X4.
 
 scene = dg.Scene(targets=[dg.Target(walk, label="human", range_m=5.0)], radar_position_m=(0, 0, 1))
-recording = dg.simulate(scene, dg.Radar.preset("x4"), rng=dg.rng(2018))
-print(recording.baseband.sizes, recording.baseband.dtype, f"{recording.snr_frame_db:.1f} dB")
+scene.plot()
+
+# %%
+# **Simulation.** Thermal noise is drawn from ``rng``. As the last line of a cell, an object shows its values and picture.
+
+recording = dg.simulate(scene, "x4", rng=dg.rng(2018))
+recording
 
 # %%
 # **Analysis.** A gate of 1.6 m follows the body. Inside it a Doppler spectrum is computed every few milliseconds. Here
@@ -43,14 +48,7 @@ figure = viz.signature(result.signature, truth_doppler=truth)
 # %%
 # **The features.** The signature repeats with the step frequency. Speed over step frequency is the step length.
 
-features = result.features.as_dict()
-figure = viz.overview(
-    recording.baseband, signature=result.signature, cadence_map=result.cadence_map,
-    cadence_spectrum=result.cadence_spectrum, features=features, gate=result.gate.limits,
-    main_line_hz=result.main_line_hz, gait_frequency_hz=result.gait_frequency_hz, title="A walking person",
-)  # fmt: skip
-for name, value in features.items():
-    print(f"{name:24s} {value if value is None else round(value, 3)}")
+result
 
 # %%
 # **What to look at.** Compare the measured step frequency with the true one. The lines of the feet follow the bright
