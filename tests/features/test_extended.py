@@ -231,6 +231,9 @@ def test_registered_features_are_in_results_rows_and_tables(register, walker_mu)
     result = analyze_signature(walker_mu, gate, Analysis(doppler_bins=127), label=None)
     assert result.extended["columns"] == walker_mu.sizes["time"] == result.to_row()["extended_columns"]
     assert ("columns", "1", "here") in list_features()
+    register("feature", "words", unit="1", source="here")(lambda observed: "many")
+    with pytest.raises(ConfigError, match="feature 'words': 'many' is no number"):
+        analyze_signature(walker_mu, gate, Analysis(doppler_bins=127), label=None)
 
 
 @pytest.fixture(scope="module", params=["body_parts", "surfaces"])

@@ -102,7 +102,7 @@ def _change_echoes(change):
 @pytest.mark.parametrize(
     ("method", "broken", "message"),
     [
-        ("synthesise", _change_echoes(lambda echoes: echoes * np.float32(1.1)), "1.100 of its amplitude"),
+        ("synthesise", _change_echoes(lambda echoes: echoes * np.float32(1.1)), "has amplitude 1.100"),
         ("synthesise", _change_echoes(lambda echoes: echoes.astype(np.complex128)), "complex128, not complex64"),
         ("synthesise", _change_echoes(np.conj), "does not turn the echoes"),
         ("synthesise", _change_echoes(_compress), "do not add up|twice the amplitude"),

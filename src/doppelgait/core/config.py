@@ -64,6 +64,7 @@ def _is_sensible(value: Any, least: float) -> bool:
 class FrozenModel(BaseModel, metaclass=_Checked):
     """Immutable parameters: unknown keys, NaN, infinity and texts as numbers are refused."""
 
+    __str__ = object.__str__  # as repr: not all fields on one line
     POSITIONAL: ClassVar[tuple[str, ...]] = ()  # fields that Python code may pass by position
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)

@@ -42,8 +42,7 @@ GROUP_NAMES = (
     "waveform",
 )
 """Names of doppelgait's groups, available before the subpackages that declare them are imported."""
-DRAWING = "drawing"
-"""Group of the pictures of objects; no configuration names it."""
+DRAWING = "drawing"  # group of the pictures of objects; no configuration names it
 NAMING_KEYS = ("kind", "gate", "format")
 """Keys of a configuration with one or several names of plug-ins, in addition to the names of the groups."""
 CHOICES = ("choice", "cycle")

@@ -46,8 +46,7 @@ def read_other_files(tables: Mapping[str, Any], **remedies: Callable[[Path], str
     )
 
 
-OTHER_FILES = read_other_files(TABLES["others"])
-"""Files that belong to no domain."""
+OTHER_FILES = read_other_files(TABLES["others"])  # they belong to no domain
 WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
 

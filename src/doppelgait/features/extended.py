@@ -19,6 +19,7 @@ from functools import partial
 
 import numpy as np
 
+from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import logarithm
 from doppelgait.features.feature_set import FEATURES, NEEDS
@@ -33,6 +34,8 @@ def measure_extended(observed: Observation) -> dict[str, float | None]:
         if "set_f" not in feature.facts:
             is_possible = observed.has_signal and unmet.isdisjoint(feature.facts.get("needs", ()))
             value = feature.run(observed) if is_possible else None
+            if not isinstance(value, float | int | np.number | None):
+                raise ConfigError(f"feature {feature.name!r}: {value!r} is no number and not None")
             values[feature.name] = float(value) if value is not None and math.isfinite(value) else None
     return values
 
@@ -55,9 +58,7 @@ SIDES = ("direction", "envelope")
 @plugin("feature", "doppler_bandwidth_envelope_hz", unit="Hz", source="ours: envelopes of E-35b", needs=("envelope",))
 def bandwidth_envelope_hz(observed: Observation) -> float | None:
     """Measure the bandwidth between the envelopes."""
-    # the bandwidth is the 95th percentile over time of the upper envelope minus the 5th percentile
-    # of the lower one. The envelopes include all cells above the noise, so the bandwidth depends on
-    # the noise level
+    # 95th percentile over time of the upper envelope minus the 5th of the lower; noise matters
     return observed.envelope_width_hz
 
 

@@ -18,12 +18,11 @@ NEEDS = ("gait_frequency", "direction", "envelope", "line")
 
 def check_feature(feature: Plugin[Any]) -> None:
     """Raise :class:`ConfigError` for a feature with invalid facts."""
-    where, needs = f"feature {feature.name!r} of {feature.module}", feature.facts.get("needs", ())
+    where, needs = f"feature {feature.name!r} of {feature.module or 'here'}", feature.facts.get("needs", ())
     if not isinstance(needs, tuple | list) or not set(needs) <= set(NEEDS):
         raise ConfigError(f"{where}: needs {needs!r} is not allowed; it is a tuple of {', '.join(NEEDS)}")
     for name in ("unit", "source"):
-        text = feature.facts.get(name)
-        if not isinstance(text, str) or not text:
+        if not isinstance(text := feature.facts.get(name), str) or not text:
             raise ConfigError(f"{where}: {name} {text!r} is not allowed; it must be a text")
 
 

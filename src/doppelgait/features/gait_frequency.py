@@ -268,8 +268,7 @@ def measure_rhythms(rows: Sequence[Sequence[FloatArray]], rate_hz: float, counte
 
 @lru_cache(maxsize=8)
 def _choose_lengths(n_columns: int) -> tuple[int, int, FloatArray]:
-    """Return transform lengths and a Hann window over lag."""
-    # the window has the shape (J,); its side lobes are below 2.5 %
+    """Return transform lengths and a Hann window over lag (J,), with side lobes below 2.5 %."""
     from scipy import fft
 
     length, padded = (fft.next_fast_len(times * n_columns, real=True) for times in (2, PADDING))

@@ -40,7 +40,7 @@ PLAIN_AXES = {
     "cadence_hz": "axes/cadence_map/cadence",
 }
 """Names of links in a file to the axes of the signature and of the cadence map."""
-NUMBERS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods")
+NUMBERS, SECONDS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods"), ("start_s", "stop_s")
 GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "extended_"}
 """Mappings of a result and the prefixes of their columns in a table."""
 
@@ -174,6 +174,7 @@ class Result:
                 if value is not None
             },
             "segments": str(len(self.segments) or ""),
+            "seconds": " to ".join(f"{self.quality[key]:.4g}" for key in SECONDS if key in self.quality),
             "flags": "; ".join(self.flags),
         }
 

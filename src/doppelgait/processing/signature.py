@@ -489,8 +489,8 @@ def crop_to_frame(signature: AnySignal) -> tuple[AnySignal, float]:
     first, stop = max(runs, key=lambda run: run[1] - run[0]) if runs.size else (0, 0)
     if stop - first < MIN_COLUMNS:
         raise AnalysisError(
-            f"the gate lies outside the recorded frame for all but {stop - first} of {share.size} columns; move the "
-            "gate, or record with another range_start_m and range_stop_m"
+            f"the gate lies outside the recorded frame for all but {stop - first} of {share.size} columns; move or "
+            "narrow the gate, or record with another range_start_m and range_stop_m"
         )
     kept = signature.take_columns(slice(int(first), int(stop)))
     scaled = kept.values / kept.axis("gate_share")[:, None].astype(np.float32)

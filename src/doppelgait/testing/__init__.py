@@ -25,6 +25,10 @@ _MODULES = {
 __all__ = sorted(_MODULES)
 
 
+def __dir__() -> list[str]:
+    return __all__
+
+
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
         return getattr(import_module(f"doppelgait.testing.contracts.{_MODULES[name]}"), name)

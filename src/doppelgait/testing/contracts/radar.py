@@ -136,9 +136,7 @@ def _check_point_echo(name: str, radar: Radar) -> None:
 
     echo = complex(response(np.array([middle_m]))[0])
     phase_rad = radar.transmit_phase_rad - 4.0 * math.pi * math.fmod(middle_m, radar.wavelength_m) / radar.wavelength_m
-    require(
-        abs(abs(echo) - 1.0) < 0.02, f"{name}: an echo in the middle of its bin has {abs(echo):.3f} of its amplitude"
-    )
+    require(abs(abs(echo) - 1.0) < 0.02, f"{name}: an echo in its bin's middle has amplitude {abs(echo):.3f}")
     wrong_rad = float(np.angle(echo * np.exp(-1j * phase_rad)))
     require(abs(wrong_rad) < 0.05, f"{name}: an echo's phase is off theta - 4 pi R / lambda by {wrong_rad:.3f} rad")
     if not waveform.ranged:

@@ -44,11 +44,9 @@ def check_motion_model(model: FrozenModel | str, *, duration_s: float = 2.0, see
     motions = [generate(one, duration_s=duration_s, rng=np.random.default_rng(seed)) for one in (parameters, plain)]
     _check_motion(name, motions[0])
     lasts_s, frame_s = motions[0].duration_s, 1.0 / motions[0].rate_hz
-    require(
-        -1e-9 <= lasts_s - duration_s < frame_s + 1e-9, f"{name}: lasts {lasts_s:g} s where {duration_s:g} s are wanted"
-    )
+    require(-1e-9 <= lasts_s - duration_s < frame_s + 1e-9, f"{name}: lasts {lasts_s:g} s, not {duration_s:g} s")
     require(motions[0].time_s[0] == 0.0, f"{name}: starts at {motions[0].time_s[0]:g} s, must be 0")
-    require(motions[0].facts.kind == kind, f"{name}: facts.kind is {motions[0].facts.kind!r}")
+    require(motions[0].facts.kind == kind, f"{name}: facts.kind is {motions[0].facts.kind!r}, must be {kind!r}")
     require(np.isfinite(motions[0].position_m).all(), f"{name}: positions are not finite")
     _check_same_motion(name, motions[0], motions[1])
     durations_s = [1.2 * duration_s, duration_s, 1.4 * duration_s]
