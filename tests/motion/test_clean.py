@@ -109,8 +109,8 @@ def test_a_fast_foot_is_no_spike() -> None:
     assert clean_motion(motion_of(run)).report["spikes_removed"] == 0
 
 
-@pytest.mark.parametrize("rate_hz", [60.0, 120.0, 250.0])
-@pytest.mark.parametrize("phase", np.arange(8) * np.pi / 4)
+@pytest.mark.parametrize("rate_hz", [60.0, 250.0])
+@pytest.mark.parametrize("phase", np.arange(4) * np.pi / 4)
 def test_lowpass_keeps_the_velocity_up_to_the_ends(rate_hz: float, phase: float) -> None:
     from scipy.interpolate import CubicSpline
 
@@ -205,8 +205,3 @@ def test_description_of_a_body_never_half_seen_has_no_stride() -> None:
 def test_no_frames_have_no_still_points_and_no_centre() -> None:
     assert not find_stationary_points(np.empty((0, 7, 3))).any()
     assert find_body_centre(np.empty((0, 7, 3))).shape == (0, 3)
-
-
-def test_description_is_json() -> None:
-    json.dumps(describe_motion(motion_of(walk())), allow_nan=False)
-    json.dumps(describe_motion(motion_of(np.full((10, 7, 3), np.nan))), allow_nan=False)

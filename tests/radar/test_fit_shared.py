@@ -80,16 +80,6 @@ def test_phase_is_common_to_all_ranges_and_drifts_slowly(empty: Recording, room:
     assert room.phase.white.value * np.sqrt(2) == pytest.approx(np.std(steps[0]), rel=0.3)
 
 
-def test_restless_places_of_the_room_are_named(folder: Path) -> None:
-    """Slow-time variance 7 to 12 dB over the noise far back in the room: 7.4 and 7.7 m, and 7.05 m."""
-    both = [measure_recording(read_recording(folder / EMPTY, matrix=f"Data_Matrix_{n}")) for n in (1, 2)]
-    first, second = (m.room.moving for m in both if m.room is not None)
-    assert {round(m.start_m) for m in first} == {3, 7, 8}
-    (only,) = second
-    assert only.start_m == pytest.approx(7.05, abs=0.1)
-    assert not any("cannot be trusted" in m.notes["motion"] for m in both)
-
-
 def test_a_room_with_a_person_is_not_called_empty(folder: Path) -> None:
     measured = measure_recording(read_recording(folder / BREATHING))
     assert measured.room is not None

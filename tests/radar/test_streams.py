@@ -294,7 +294,7 @@ def oracle(content: bytes, n_bins: int) -> list[int]:
     return found
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_damaged_bytes_cost_only_their_frames(tmp_path, seed):
     rng = np.random.default_rng(seed)
     content = bytearray(frames())

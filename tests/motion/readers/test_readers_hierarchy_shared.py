@@ -127,18 +127,6 @@ def test_recording_comes_out_clean(shared: Path, name: str) -> None:
     assert motion.facts.species == ("" if name in MANN else "dog" if name in TENCENT else "human")
 
 
-def test_helpers_are_named(shared: Path) -> None:
-    dropped = _read(shared, TENCENT[1]).report["dropped"]
-    named = set().union(*dropped.values())
-    assert {"Bip01", "Bip01_Footsteps", "Bip01_HeadNub", "Dog_Jaw", "Dog_LeftArmor002", "Dog_LeftTail009"} <= named
-    assert {"b__Neck", "b__LeftFinger", "b_Tail009"} <= set(_read(shared, TENCENT[1]).positions.marker.values)
-    bandai = _read(shared, BANDAI[0]).report["dropped"]
-    assert bandai["root node, no joint of the body (by its name)"] == ["joint_Root"]
-    assert bandai["same place as Head"] == ["Head_End"]
-    cmu = _read(shared, CMU_BVH[0]).report["dropped"]
-    assert cmu["same place as Hips"] == ["LHipJoint", "RHipJoint", "LowerBack"]
-
-
 def test_one_walk_in_three_formats(shared: Path) -> None:
     c3d = read(shared / "data" / "mocap" / "human" / "c3d" / "cmu_07_01.c3d", clean=False)
     bones, maps = _read(shared, "cmu_07_01.amc"), _read(shared, "walking_4.txt")
