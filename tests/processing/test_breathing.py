@@ -150,16 +150,6 @@ def test_common_drift_and_jitter_are_no_breath_in_any_bin():
             assert find(room(source) * np.exp(1j * phase) + noise(source, times.size)) == []
 
 
-def test_a_breath_is_found_through_a_clock_that_breathes_too():
-    times = np.arange(round(60 * RATE_HZ)) / RATE_HZ
-    source = np.random.default_rng(6)
-    common = np.exp(0.05j * np.sin(2 * np.pi * 0.4 * times))[:, None]
-    body = echo(times, range_m=2.5, amplitude_v=20, rate_hz=0.25, swing_m=0.003)
-    (person,) = find((room(source) + body) * common + noise(source, times.size))
-    assert person.rate_hz == pytest.approx(0.25, rel=0.01)
-    assert person.range_m == pytest.approx(2.5, abs=0.05)
-
-
 def test_a_walk_through_the_room_and_a_wide_swing_are_no_breath():
     times = np.arange(round(40 * RATE_HZ)) / RATE_HZ
     walk = 20 * np.exp(-4j * np.pi * (3 - 0.06 * times) / WAVE_M)[:, None]

@@ -327,7 +327,7 @@ def test_the_share_of_dropped_frames_lies_within_its_uncertainty(length: float) 
     scores = []
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        samples = 1e-5 * normal(rng, 400, 8)
+        samples = 1e-5 * normal(rng, 600, 8)
         spec = make_impairment({"kind": "dropped_frames", "probability": 0.05, "mean_length": length})
         samples = apply_impairments(samples, [spec], radar=X4_8, rng=rng).matrix
         kind = radar_fit.fit_sensor(recording(samples, X4_8))
