@@ -205,3 +205,8 @@ def test_description_of_a_body_never_half_seen_has_no_stride() -> None:
 def test_no_frames_have_no_still_points_and_no_centre() -> None:
     assert not find_stationary_points(np.empty((0, 7, 3))).any()
     assert find_body_centre(np.empty((0, 7, 3))).shape == (0, 3)
+
+
+def test_description_is_json() -> None:
+    json.dumps(describe_motion(motion_of(walk())), allow_nan=False)
+    json.dumps(describe_motion(motion_of(np.full((10, 7, 3), np.nan))), allow_nan=False)

@@ -73,15 +73,6 @@ def test_a_straight_walk_past_the_radar_is_one_segment(aspect_deg, range_m):
     assert segment.residual_m < 1e-6
 
 
-@pytest.mark.parametrize("jump_mps", [1.0, 1.4])
-def test_a_sudden_change_of_speed_is_cut(jump_mps):
-    """One that the merging of 0.15 m/s and the slow changes of 0.3 m/s^2 do not cover."""
-    times = np.arange(0, 8, 0.1)
-    clean = 12 - 0.5 * times - jump_mps * np.maximum(times - 4, 0)
-    for seed in range(8):
-        assert change_points(find_track_segments(times, noisy(clean, seed))) == [pytest.approx(4.0, abs=0.4)]
-
-
 def lasting_errors(source, n, *, sd_m=0.02):
     """Gaussian errors that are alike within half a second, as a tracker's are."""
     return sd_m * np.convolve(source.normal(0, 1, n + 4), np.ones(5), "valid") / np.sqrt(5)

@@ -437,6 +437,16 @@ def test_every_fact_is_a_row_of_json_and_sets_its_key() -> None:
     assert values["recordings"][0]["frames_used"] == 600
 
 
+def test_estimates_convert_with_their_uncertainty() -> None:
+    assert radar_fit.Estimate(100.0, 1.0).to_db(10.0).value == pytest.approx(20.0)
+    assert radar_fit.Estimate(100.0, 1.0).to_db(10.0).sd == pytest.approx(10 * math.log10(1.01), rel=0.01)
+    assert radar_fit.Estimate(0.0, 1.0).to_db(10.0).value == -math.inf
+    assert room_fit.take_root(4.0, 0.1).value == pytest.approx(2.0)
+    assert room_fit.take_root(4.0, 0.1).sd == pytest.approx(0.1 / 4, rel=0.02)
+    assert room_fit.take_root(-1.0, 0.04).value == 0.0
+    assert room_fit.take_root(-1.0, 0.04).sd == pytest.approx(0.2)
+
+
 def test_command_writes_a_preset_and_a_figure(tmp_path: Path) -> None:
     source, preset = tmp_path / "empty.h5", tmp_path / "preset.toml"
     write_recording(recording(room(22)[0]), source)

@@ -509,6 +509,13 @@ def test_its_end_knows_nothing_of_its_beginning():
     assert both < 3 / np.sqrt(noise.shape[1])
 
 
+def test_its_change_over_range():
+    noise = only(zeros(4096), impair.ColouredNoise(levels=((0.0, -60.0),), range_db=((2.0, 0.0), (6.0, -20.0))))
+    level_db = 10 * np.log10(np.mean(np.abs(noise) ** 2, axis=0))
+    for at_m, expected in ((1.0, -60), (4.0, -70), (8.0, -80)):
+        assert level_db[np.argmin(np.abs(X4.range_axis_m() - at_m))] == pytest.approx(expected, abs=0.6)
+
+
 def test_a_line_has_its_frequency_and_amplitude_in_all_bins():
     line, other = (only(zeros(800), impair.Spur(frequency_hz=-125.0, level_db=-80.0), seed=seed) for seed in (1, 2))
     assert np.ptp(np.abs(line)) < 1e-9

@@ -19,7 +19,7 @@ import processes
 from doppelgait import motion, viz
 from doppelgait.core import labels
 from doppelgait.core.errors import AnalysisError, ConfigError, OutputError
-from doppelgait.viz.maps import doppler_limits_hz, level_limits_db, occupied_rows
+from doppelgait.viz.maps import doppler_limits_hz, level_limits_db
 from doppelgait.viz.motion import PART_COLOURS, find_part_group
 from doppelgait.viz.spectra import densest_band_hz
 from doppelgait.viz.style import label_quantity
@@ -146,13 +146,6 @@ def test_automatic_limits_hold_the_line_and_zero_and_leave_out_the_noise() -> No
     assert doppler_limits_hz(make_signature(), lines_hz=[-150.0, np.nan])[0] < -150.0
     only_noise = make_signature().copy(data=make_signature().values[:, ::-1] * 0 + 1)
     assert doppler_limits_hz(only_noise) == (DOPPLER_HZ[0], DOPPLER_HZ[-1])
-
-
-def test_one_loud_row_is_no_line() -> None:
-    power = np.ones((10, 20))
-    power[:, 4] = 50.0
-    power[:, 10:13] = 50.0
-    assert np.flatnonzero(occupied_rows(power)).tolist() == [10, 11, 12]
 
 
 def test_automatic_range_ends_below_the_noise_but_not_beyond_40_db() -> None:
@@ -360,11 +353,6 @@ def test_cadence_spectrum_marks_its_peaks_with_their_values() -> None:
     assert [text.get_text() for text in axes.texts] == ["1", "2"]
     assert labels_of(axes) == ["1: gait frequency, 2.00 Hz", "2: harmonic, 4.00 Hz"]
     assert axes.get_ylabel() == "level (dB re maximum)"
-
-
-def test_amplitude_spectrum_counts_twice_in_db() -> None:
-    curve = viz.cadence_spectrum(make_spectrum(), amplitude=True).axes[0].lines[0]
-    assert np.asarray(curve.get_ydata())[40] == pytest.approx(-20.0)
 
 
 def test_no_gait_frequency_is_said_and_a_zero_spectrum_can_be_drawn() -> None:

@@ -6,7 +6,8 @@ import pytest
 from doppelgait.core.rng import rng
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import parse_run, run_simulation, simulate
-from doppelgait.radar import Radar, noise_power_v2
+from doppelgait.radar import Radar, add_noise, noise_power_v2
+from doppelgait.radar.simulate import label_baseband
 from doppelgait.scene import Scene, Target
 
 
@@ -33,6 +34,18 @@ def test_noise_of_a_recording_has_the_correlation_of_its_radar_e18c(scene, snr_d
     found = [np.mean(difference[:, lag:] * difference[:, :-lag].conj()) for lag in (1, 2, 3)]
     assert found == pytest.approx([0.633, 0.141, 0.006], abs=0.01)
     assert np.mean(np.abs(difference) ** 2) == pytest.approx(1.0, rel=0.01)
+
+
+def test_noise_added_to_a_baseband_is_correlated_as_its_radar_says_e18c():
+    """Its statistics are tested with the kernel."""
+    radar = Radar.preset("x4")
+    quiet = label_baseband(np.zeros((4000, radar.n_range_bins), dtype=np.complex64), np.arange(4000) / 1000.0, radar)
+    noise = add_noise(quiet, noise_power_v2=1.0, rng=np.random.default_rng(2)).values
+    products = [np.vdot(noise[:, :-lag], noise[:, lag:]).real / noise[:, lag:].size for lag in (1, 2, 3)]
+    np.testing.assert_allclose(products, radar.noise_correlation[:3], atol=0.01)
+    both = add_noise(quiet + np.complex64(2 - 1j), noise_power_v2=1.0, rng=np.random.default_rng(2))
+    np.testing.assert_allclose(both.values - noise, 2 - 1j, atol=5e-7)
+    assert both.dtype == np.complex64
 
 
 @pytest.fixture(scope="module")
