@@ -8,7 +8,6 @@ from typing import Any
 import pandas as pd
 import pytest
 from matplotlib import pyplot
-from matplotlib.figure import Figure
 
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError
@@ -113,14 +112,6 @@ def test_html_is_escaped_and_has_no_picture_without_arrays() -> None:
     html = dg.Result(dg.Analysis(), label="dog")._repr_html_()
     assert "dog" in html
     assert "<img" not in html
-
-
-def test_plots_take_axes_and_return_them(shown: dict[str, object]) -> None:
-    ax = Figure().add_subplot()
-    for name in ("Recording", "Result"):
-        value = shown[name]
-        assert value.plot(ax=ax, title=name) is ax  # type: ignore[attr-defined]
-    assert ax.get_title(loc="left") == "Result"
 
 
 def test_a_plot_is_a_figure_of_pyplot_and_a_picture_is_none() -> None:

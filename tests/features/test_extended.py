@@ -176,16 +176,6 @@ def test_reasons_for_what_is_missing():
     assert found.describe_missing(("line",)) == "main_line_lost_in_noise"
 
 
-def test_every_feature_has_a_unit_and_a_source():
-    table = list_features()
-    assert len(table) >= 25
-    assert {unit for _, unit, _ in table} <= {"1", "m/s", "Hz"}
-    for name, unit, source in table:
-        assert source
-        assert name.endswith("_mps") == (unit == "m/s")
-        assert name.endswith("_hz") == (unit == "Hz")
-
-
 def test_features_of_other_packages_and_values_that_are_not_finite(monkeypatch):
     with pytest.raises(ConfigError, match="torso_share"):
         dg.plugin("feature", "torso_share", unit="1", source="here")(lambda observed: 1.0)

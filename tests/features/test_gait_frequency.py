@@ -197,16 +197,6 @@ def test_the_spectrum_is_that_of_the_windowed_autocorrelation():
     np.testing.assert_allclose(plain.share[0], power, atol=1e-9 * power.max())
 
 
-@pytest.mark.parametrize("at_hz", [-130.0, 0.0, 60.0])
-def test_the_torso_line_follows_the_torso(at_hz):
-    normalised, _ = make_signature(stride_hz=0.5, alike=True, at_hz=at_hz, torso=20.0)
-    slow = average_columns(Signal.of(normalised, NORMALISED_SIGNATURE))
-    t = (np.arange(slow.values.shape[0]) + 1 / 3) * 3 / RATE_HZ
-    # a Gaussian of sd s takes exp(-(2 pi f s)^2 / 2) of a sine: 0.982 at 0.5 Hz and 60 ms
-    wanted = at_hz + 0.982 * 18.0 * np.cos(2 * np.pi * 0.5 * t + 0.7)
-    np.testing.assert_allclose(torso_line_hz(slow)[10:-10], wanted[10:-10], atol=0.8)
-
-
 def test_limb_rows_leave_out_the_torso_and_noise():
     normalised, _ = make_signature(stride_hz=1.0, alike=True, sway_hz=0.0)
     slow = average_columns(Signal.of(normalised, NORMALISED_SIGNATURE))

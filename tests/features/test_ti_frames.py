@@ -47,20 +47,6 @@ def test_numbers_are_those_of_the_definition(signature, floor_share):
     np.testing.assert_allclose(found.values, np.array(wanted, dtype=np.float32), rtol=1e-6)
 
 
-def test_one_row_and_all_rows_alike(signature):
-    made = signature.copy(data=np.zeros(signature.shape, dtype=np.float32))
-    made.values[0, 7] = 2.0
-    made.values[1] = 1.0
-    n_rows = made.shape[1]
-    velocity = made.coords["velocity"].values
-    found = measure_columns(made).values
-    np.testing.assert_allclose(found[0], [velocity[7], velocity[7], 2.0, 0.0], rtol=1e-6)
-    first, last = math.ceil(n_rows / 8) - 1, math.ceil(7 * n_rows / 8) - 1
-    np.testing.assert_allclose(found[1], [velocity[first], velocity[last], last - first + 1, 1.0], rtol=1e-6)
-    assert np.isnan(found[2, [0, 1, 3]]).all()
-    assert found[2, 2] == 0
-
-
 def test_windows_have_the_mean_and_the_spread_of_their_frames(signature):
     numbers = measure_columns(signature).values
     numbers[3] = [np.nan, np.nan, 0.0, np.nan]

@@ -110,8 +110,8 @@ def test_a_fast_foot_is_no_spike() -> None:
     assert clean_motion(motion_of(run)).report["spikes_removed"] == 0
 
 
-@pytest.mark.parametrize("rate_hz", [60.0, 120.0, 250.0])
-@pytest.mark.parametrize("phase", np.arange(8) * np.pi / 4)
+@pytest.mark.parametrize("rate_hz", [60.0, 250.0])
+@pytest.mark.parametrize("phase", np.arange(4) * np.pi / 4)
 def test_lowpass_keeps_the_velocity_up_to_the_ends(rate_hz: float, phase: float) -> None:
     from scipy.interpolate import CubicSpline
 

@@ -64,7 +64,7 @@ def _check_against_truth(motion: Motion, frames: float) -> None:
         assert all(np.abs(np.array(truth[foot]) - t).min() < 0.02 for t in times if t < last_s - 0.02)
 
 
-@pytest.mark.parametrize("speed_mps", [0.5, 0.9, 1.3, 1.7, 2.1, 2.5])
+@pytest.mark.parametrize("speed_mps", [0.5, 1.3, 2.5])
 def test_walker_lands_where_the_model_says(speed_mps: float) -> None:
     motion = boulic_walk(speed_mps=speed_mps, duration_s=6.0)
     _check_against_truth(motion, frames=2)
@@ -73,7 +73,7 @@ def test_walker_lands_where_the_model_says(speed_mps: float) -> None:
 
 
 @pytest.mark.parametrize("gait", GAITS)
-@pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
+@pytest.mark.parametrize("share", [0.05, 0.95])
 def test_dog_lands_where_the_model_says_and_goes_in_its_gait(gait: str, share: float) -> None:
     low, high, _ = GAITS[gait].froude
     motion = quadruped_gait(gait=gait, froude=low * (high / low) ** share, duration_s=4.0)
@@ -85,23 +85,6 @@ def test_dog_lands_where_the_model_says_and_goes_in_its_gait(gait: str, share: f
     for name, foot in lags.items():
         wrong = found.phases[name] - (touchdown[foot] - touchdown["left_hind"])
         assert abs((wrong + 0.5) % 1 - 0.5) < 0.02
-
-
-def test_heading_place_and_height_do_not_matter() -> None:
-    motion = quadruped_gait(gait="walk", duration_s=3.0)
-    turn = np.array([[np.cos(2.0), np.sin(2.0), 0], [-np.sin(2.0), np.cos(2.0), 0], [0, 0, 1]])
-    moved = motion.with_positions(motion.position_m @ turn + np.array([5.0, -7.0, 0.4]))
-    before, after = motion_gait.measure_gait(motion), motion_gait.measure_gait(moved)
-    assert after.gait == before.gait == "walk"
-    assert after.footfalls == before.footfalls
-
-
-def test_noise_of_a_millimetre_after_cleaning_keeps_gait_and_beat() -> None:
-    motion = quadruped_gait(gait="trot", duration_s=4.0, rate_hz=120)
-    noisy = motion.with_positions(motion.position_m + np.random.default_rng(4).normal(0, 1e-3, motion.positions.shape))
-    found = motion_gait.measure_gait(clean_motion(noisy))
-    assert found.gait == "trot"
-    assert found.stride_frequency_hz == pytest.approx(motion.facts.stride_frequency_hz, rel=0.005)
 
 
 def _runner(*, duty: float, stride_hz: float = 1.4, speed_mps: float = 3.0) -> Motion:
@@ -232,7 +215,7 @@ def relative_errors(motion: Motion, duration_s: float, true_hz: float) -> np.nda
 
 
 @pytest.mark.parametrize("motion", [WALK, TROT], ids=["walk", "trot"])
-@pytest.mark.parametrize("duration_s", [0.95, 1.2, 1.6, 2.2])
+@pytest.mark.parametrize("duration_s", [0.95, 1.6])
 def test_a_stride_or_less_gives_the_stride_frequency(motion: Motion, duration_s: float) -> None:
     true_hz = motion.facts.stride_frequency_hz
     errors = relative_errors(motion, duration_s, true_hz)

@@ -55,25 +55,6 @@ def test_factors_of_one_change_nothing() -> None:
     np.testing.assert_allclose(made.time_s, walk.time_s, atol=1e-12)
 
 
-def test_a_turned_clip_gives_the_turned_hybrid() -> None:
-    walk = _walk()
-    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    straight, turned = (
-        retarget(walk.with_positions(walk.position_m @ by), speed_factor=1.1).position_m for by in (np.eye(3), turn)
-    )
-    np.testing.assert_allclose(straight @ turn, turned, atol=1e-9)
-
-
-def test_a_standing_foot_keeps_its_place() -> None:
-    walk = _walk(foot_lock=True)
-    feet = [n for n, name in enumerate(walk.markers) if name.endswith("toe")]
-    still = np.linalg.norm(np.gradient(walk.position_m[:, feet], axis=0), axis=2) < 2e-4
-    made = retarget(walk, speed_factor=1.15)
-    moves = np.linalg.norm(np.gradient(made.position_m[:, feet], axis=0), axis=2)
-    assert still.any()
-    assert moves[still].max() < 5e-4
-
-
 def test_blend_of_one_walk_in_two_phases_is_the_walk() -> None:
     first, second = (boulic_walk(speed_mps=1.2, duration_s=4.0, start_phase=phase) for phase in (0.0, 0.37))
     mixed = blend(first, second.with_positions(second.position_m + np.array([3.0, -2.0, 0.0])), share=0.5)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
-from doppelgait.motion import Motion, blend, loop, read, retarget
-from doppelgait.motion.hybrid import compute_dimensionless_speed, find_speed_limits, measure_foot_slide
+from doppelgait.motion import Motion, blend, loop, retarget
+from doppelgait.motion.hybrid import find_speed_limits, measure_foot_slide
 from doppelgait.motion.retime import travel_speed_mps
 from recorded import read_quietly
 
@@ -50,12 +50,6 @@ def test_a_recording_goes_faster_without_sliding(shared: Path, file: str) -> Non
     made = retarget(clip, speed_factor=wanted, size_factor=1.05)
     assert travel_speed_mps(made) == pytest.approx(travel_speed_mps(clip) * wanted * np.sqrt(1.05), rel=5e-3)
     assert measure_foot_slide(made) < measure_foot_slide(clip) + 0.01
-
-
-def test_the_fastest_recorded_gallops_are_within_the_speeds_of_recordings(shared: Path) -> None:
-    gallop = read(shared / "data" / "mocap" / "dog" / "tencent-bvh" / "dog_quad_walkrun_001.bvh", segment=2)
-    assert compute_dimensionless_speed(gallop) > 2.1
-    assert find_speed_limits(gallop)[1] > 1.05
 
 
 def test_recordings_with_other_markers_are_not_blended(shared: Path) -> None:

@@ -65,30 +65,6 @@ def test_uneven_strides_loop_without_a_seam(gait: str) -> None:
     assert seam["usual_position_m"] > 1e-3
 
 
-def test_every_cycle_is_the_same_and_advances_evenly() -> None:
-    clip = _varied("trot")
-    looped = loop(clip, duration_s=15.0, variation=0.0)
-    seam = looped.report["loop"]
-    cycle_s = seam["to_s"] - seam["from_s"]
-    assert looped.facts.stride_frequency_hz == pytest.approx(seam["strides"] / cycle_s, rel=1e-12)
-    at = np.arange(0.5, 6.0, 0.05)
-    first, again, third = (resample(looped, at + turn * cycle_s)[0] for turn in range(3))
-    advance = (again - first).mean(axis=(0, 1))
-    np.testing.assert_allclose(again - first, np.broadcast_to(advance, first.shape), atol=1e-4)
-    np.testing.assert_allclose(third - again, again - first, atol=1e-4)
-    assert abs(advance[2]) < 1e-6
-    assert np.hypot(*advance[:2]) / cycle_s == pytest.approx(4.0, rel=0.6)
-
-
-def test_a_velocity_jump_would_show() -> None:
-    """The measure of the tests above sees a cut that is made without care."""
-    clip = _varied("trot")
-    part = clip.position_m[100:211]
-    step = (part[-1] - part[0]).mean(axis=0) * np.array([1.0, 1.0, 0.0])
-    careless = np.concatenate([part[:-1] + k * step for k in range(4)])
-    assert _biggest_change(careless, 2) > 1.5 * _biggest_change(clip.position_m, 2)
-
-
 def test_result_keeps_rate_parts_and_facts_and_measures_as_it_states() -> None:
     clip = boulic_walk(speed_mps=1.4, duration_s=2.5, rate_hz=120.0)
     nan = float("nan")
@@ -161,16 +137,6 @@ def test_successive_strides_vary_as_measured() -> None:
     assert again.std() < 1e-5
 
 
-def test_the_mean_stride_frequency_is_exact() -> None:
-    looped = loop(_varied("trot"), duration_s=12.0)
-    cycles = looped.report["loop"]
-    cycle_hz = cycles["strides"] / (cycles["to_s"] - cycles["from_s"])
-    assert looped.facts.stride_frequency_hz == pytest.approx(cycle_hz, rel=1e-12)
-    for times in looped.facts.footfalls.values():
-        # one limb leads or lags by some percent of a stride at the two ends
-        assert (len(times) - 1) / (times[-1] - times[0]) == pytest.approx(cycle_hz, rel=0.01)
-
-
 def test_feet_stand_still_in_a_varied_loop() -> None:
     clip = human_gait(speed_mps=1.2, duration_s=4.0)
     slides = []
@@ -227,13 +193,3 @@ def _slide(motion: Motion) -> float:
     paws = [n for n, part in enumerate(motion.parts) if part.endswith("_paw")]
     speed = np.linalg.norm(np.gradient(motion.position_m[:, paws, :2], FRAME_S, axis=0), axis=2)
     return float(np.sqrt((speed[speed < 0.35 * _ground_speed(motion)] ** 2).mean()))
-
-
-def test_poses_of_neighbouring_strides_differ_as_in_recordings() -> None:
-    """Recorded people: 28 mm, median over 26 clips, root mean square over points less the advance."""
-    with pytest.warns(DoppelgaitWarning, match="fewer than 2"):
-        looped = loop(boulic_walk(speed_mps=1.2, duration_s=1.6), duration_s=30.0)
-    stride = round(looped.rate_hz / looped.facts.stride_frequency_hz)
-    moved = looped.position_m[stride:] - looped.position_m[:-stride]
-    moved[..., :2] -= moved[..., :2].mean(axis=1, keepdims=True)
-    assert 0.02 < np.sqrt((moved**2).sum(axis=2).mean()) < 0.035

@@ -14,7 +14,7 @@ from doppelgait.motion import make_motion, paths
 from doppelgait.motion.follow import follow, steady_speed_mps
 from doppelgait.motion.models import boulic_walk, quadruped_gait
 from doppelgait.motion.models.boulic import compute_support_fraction
-from doppelgait.motion.retime import body_centre_m, place
+from doppelgait.motion.retime import body_centre_m
 
 SPEED_MPS = 1.2
 PATHS = [
@@ -115,12 +115,6 @@ def test_a_straight_path_gives_back_the_motion(walk, trot):
             np.testing.assert_allclose(followed.facts.footfalls[foot], times, atol=1e-9)
 
 
-def test_a_motion_in_any_direction_is_turned_to_the_path(walk):
-    turned = place(walk, position_m=(7.0, -3.0), heading_deg=130.0, at_s=1.0)
-    for path in PATHS:
-        np.testing.assert_allclose(follow(turned, path).position_m, follow(walk, path).position_m, atol=1e-9)
-
-
 @pytest.mark.parametrize("path", PATHS, ids=NAMES)
 def test_start_and_heading_move_the_whole_path(walk, path):
     plain = follow(walk, path)
@@ -137,13 +131,6 @@ def test_blocks_of_frames_give_the_bytes_of_the_whole(walk, path, monkeypatch):
     blocks = follow(walk, path, start_position_m=(1.0, -2.0), heading_deg=30.0)
     assert whole.n_frames > 300
     np.testing.assert_array_equal(blocks.position_m, whole.position_m)
-
-
-def test_a_mirrored_walk_on_the_mirrored_path_is_the_mirror_image(walk):
-    mirrored = walk.with_positions(walk.position_m * [1, -1, 1])
-    left = follow(walk, paths.ArcPath(radius_m=2, turn_deg=120, side_m=0.3))
-    right = follow(mirrored, paths.ArcPath(radius_m=2, turn_deg=-120, side_m=-0.3))
-    np.testing.assert_allclose(right.position_m, left.position_m * [1, -1, 1], atol=1e-9)
 
 
 def test_another_speed_keeps_the_stride_length(walk):

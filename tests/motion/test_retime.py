@@ -41,16 +41,6 @@ def test_velocity_of_a_swinging_marker_after_resampling_e02():
     assert np.abs(position[inner, 0, 0] - 0.3 * np.sin(4 * np.pi * wanted_s[inner])).max() < 1e-4
 
 
-def test_velocity_is_the_derivative_of_position_and_continuous_e02():
-    wanted_s = np.arange(0, 2.9, 1e-4)
-    position, velocity = retime.resample(swing(), wanted_s)
-    np.testing.assert_allclose(np.gradient(position[:, 0, 0], 1e-4)[2:-2], velocity[2:-2, 0, 0], atol=1e-4)
-    # C2: no staircase, so no lines at multiples of 120 Hz
-    spectrum = np.abs(np.fft.rfft((velocity[5000:25000, 0, 0]) * np.hanning(20000)))
-    frequency = np.fft.rfftfreq(20000, 1e-4)
-    assert spectrum[(frequency > 100) & (frequency < 1000)].max() < 1e-4 * spectrum.max()
-
-
 def test_resampling_starts_at_the_first_frame_whatever_its_time():
     t = np.arange(0, 1, 0.01)
     late = motion_of(np.stack([t, 0 * t, 0 * t], axis=-1)[:, None], 100.0, start_s=7.0)

@@ -13,9 +13,8 @@ from typer.testing import CliRunner
 
 from doppelgait.cli.app import app
 from doppelgait.motion import Motion
-from doppelgait.motion.loop import loop
 from doppelgait.motion.readers import bvh, read  # noqa: F401  (BVH registers itself)
-from doppelgait.motion.segments import QUADRUPED, Segment, crop, find_segments
+from doppelgait.motion.segments import QUADRUPED, Segment, find_segments
 from recorded import read_quietly
 
 pytestmark = pytest.mark.shared
@@ -120,27 +119,6 @@ def test_gaits_of_dogs(shared: Path) -> None:
             assert (gait in ("canter", "gallop", "transverse_gallop", "bound")) == fast, pair.row["file"]
         same += gait == named or (fast and gait != "")
     assert same > 0.7 * len(pairs)
-
-
-@pytest.mark.parametrize(
-    "file", ["human/c3d/cmu_07_01.c3d", "human/c3d/btk_pig_walk_full.c3d", "dog/mann-bvh/D1_071_KAN02_002.bvh"]
-)
-def test_a_recorded_segment_loops(shared: Path, file: str) -> None:
-    motion = _motion(shared, file, clean=True)
-    segment = find_segments(motion)[0]
-    clip = crop(motion, segment)
-    looped, varied = (loop(clip, duration_s=10.0, variation=variation) for variation in (0.0, 1.0))
-    rate = motion.rate_hz
-    for order in (1, 2):
-        change, usual = (np.abs(np.diff(m.position_m, n=order, axis=0) * rate**order).max() for m in (looped, clip))
-        assert change < 1.25 * usual
-        assert np.abs(np.diff(varied.position_m, n=order, axis=0) * rate**order).max() < 1.6 * usual
-    seam = looped.report["loop"]
-    assert seam["seam_position_m"] <= seam["usual_position_m"]
-    assert seam["seam_velocity_mps"] <= seam["usual_velocity_mps"]
-    assert looped.facts.stride_frequency_hz == pytest.approx(segment.gait.stride_frequency_hz, rel=0.06)
-    travelled = looped.position_m[-1].mean(axis=0) - looped.position_m[0].mean(axis=0)
-    assert np.hypot(*travelled[:2]) / 10.0 == pytest.approx(segment.mean_speed_mps, rel=0.03)
 
 
 def test_motion_info_lists_segments(shared: Path) -> None:

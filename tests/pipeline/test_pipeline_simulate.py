@@ -62,21 +62,6 @@ def test_a_data_matrix_that_cannot_fit_is_refused():
         simulate(Scene([Target(boulic_walk(speed_mps=1.0, duration_s=30.0))]), radar)
 
 
-def test_features_do_not_depend_on_a_hop_finer_than_the_lossless_one():
-    """Hop 8 at 1000 Hz loses nothing; hops 1, 2 and 4 hold its columns and give the same features to the bit."""
-    scene = SCENES["one"]
-    by_hop = {hop: example(scene, Analysis(hop=hop))[0] for hop in (1, 2, 4, 8)}
-    for hop in (1, 2, 4):
-        one, other = by_hop[hop], by_hop[8]
-        assert one.features == other.features
-        assert one.quality == other.quality
-        np.testing.assert_array_equal(one.signature.values[:: 8 // hop], other.signature.values)
-        assert one.main_line_hz.size == one.signature.sizes["time"]
-        np.testing.assert_allclose(one.main_line_hz[:: 8 // hop], other.main_line_hz, rtol=1e-12)
-    coarse = example(scene, Analysis(hop=16))[0]
-    assert coarse.features != by_hop[8].features  # a coarser hop is taken as it is
-
-
 def test_noise_reaches_every_cell_that_the_signature_reads():
     """Of all pulses and bins, those not declared needed may hold anything."""
     from doppelgait.core.frames import SlowTime

@@ -135,16 +135,6 @@ def test_the_settings_that_were_used_are_those_of_the_result(recording):
     assert all(segment.analysis == tracked.analysis for segment in tracked.segments)
 
 
-def test_settings_that_came_back_act_as_those_that_were_used(recording):
-    for gate in ("track", "truth"):
-        (result, *_) = pipeline.analyze(recording, gate=gate)
-        back = pipeline.Result.from_json(json.loads(json.dumps(result.to_json()))).analysis
-        assert [back.resolved(other) for other in ("track", "truth")] == [result.analysis] * 2
-    assert Analysis().resolved("track").clutter == "median"
-    assert Analysis(clutter="none").resolved("track").clutter == "none"
-    assert Analysis() != Analysis(clutter="none")
-
-
 @pytest.mark.parametrize("plain", [{}, [], {"label": None, "gate": "truth"}])
 def test_a_document_that_is_no_whole_result_is_one_error(plain):
     with pytest.raises(AnalysisError, match=r"this document of a result has no .*; make it with Result.to_json\(\)"):

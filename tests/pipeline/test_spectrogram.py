@@ -180,16 +180,6 @@ def study() -> Iterator[ModuleType]:
     sys.path.remove(str(STUDIES))
 
 
-def test_study_turns_the_axis_of_the_runner(study: ModuleType) -> None:
-    """Row r stands for 4.6 - 9.2 r / 256 m/s; -4.0 m/s (row 239.3) means 5.2 m/s from an axis that starts at -0.6."""
-    runner = next(image for image in study.IMAGES if image.from_mps is not None)
-    level_db = np.full((256, 624), -30.0)
-    level_db[239] = -12.0
-    mu = study.signature_of(runner, level_db)
-    assert mu.velocity.values[0] == pytest.approx(-0.6, abs=9.2 / 256)
-    assert float(mu.velocity[int(mu.values[5].argmax())]) == pytest.approx(4.6 - 9.2 * 239 / 256 + 9.2)
-
-
 def test_study_counts_agreement(study: ModuleType) -> None:
     tally = study.Tally()
     for found, wanted in ((1.04, 1.0), (-1.09, -1.0), (2.1, 1.0), (0.5, 1.0), (1.0, -1.0), (None, 1.0), (1.0, None)):

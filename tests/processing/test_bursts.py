@@ -1,7 +1,5 @@
 """Signature of data in bursts, against closed forms and against the signature of evenly spaced data."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -93,17 +91,6 @@ def test_a_burst_is_one_column_of_the_plain_signature(edges):
     for name in ("prf_hz", "wavelength_m", "cpi_pulses", "window_energy", "n_gate_bins"):
         assert burst.attrs[name] == pytest.approx(plain.attrs[name]), name
     assert burst.attrs["gate"] == plain.attrs["gate"]
-
-
-def test_without_a_gate_every_range_bin_counts():
-    times = burst_times()
-    tone = np.exp(2j * np.pi * 11 * PRF_HZ / M * times)
-    values = tone[:, None] * np.array([1.0, 2.0, 0.5])
-    mu = burst_signature(labelled(values, times, np.array([1.0, 1.5, 2.0])), None, Analysis(), wavelength_m=LAMBDA_M)
-    np.testing.assert_allclose(mu.values.max(axis=1), (1 + 4 + 0.25) * gaussian(M).sum() ** 2, rtol=1e-5)
-    assert mu.attrs["n_gate_bins"] == 3
-    assert json.loads(mu.attrs["gate"]) == {"source": "frame", "span_m": 1.5, "doppler_limited": False}
-    np.testing.assert_allclose(mu.centre_range.values, 1.5)
 
 
 def test_data_without_range_lie_inside_any_gate():

@@ -15,7 +15,6 @@ from doppelgait.processing.detect import Detector, estimate_noise_map, find_scan
 from doppelgait.processing.detect.cluster import find_clusters, measure_shapes, merge_groups
 from doppelgait.processing.detect.maps import compute_maps, estimate_residue_map
 from doppelgait.processing.detect.scans import NO_RANGE_SD_M, find_cells
-from doppelgait.processing.signature import compute_cell_power
 from doppelgait.radar import Radar, link
 from doppelgait.radar.simulate import label_baseband
 
@@ -72,29 +71,6 @@ def test_the_power_of_a_detection_is_that_of_its_echo():
     expected = n_doppler * 4.0 * np.sqrt(np.pi) * PULSE_M / SPACING_M
     found = [max(detection.power_v2 for detection in scan.detections) for scan in scans]
     assert found == pytest.approx([expected] * 10, rel=0.01)
-
-
-def test_levels_do_not_matter_and_clutter_goes():
-    values = noise(1501, 3) + echo(4.0, 0.8, 2.0, 1501)
-    clutter = 100.0 * noise(1, 4)
-    plain = scans_of(values)
-    for other in (scans_of(1e-6 * values), scans_of(values + clutter)):
-        for one, two in zip(plain, other, strict=True):
-            assert [d.n_cells for d in one.detections] == [d.n_cells for d in two.detections]
-            assert [d.range_m for d in one.detections] == pytest.approx([d.range_m for d in two.detections], abs=2e-3)
-
-
-def test_maps_are_the_equation():
-    values = noise(260, 5, n_bins=3) + 2.0
-    transform = plan_transform(Analysis(cpi_s=0.02, hop=37), n_pulses=260, prf_hz=PRF_HZ)
-    scans = np.arange(transform.n_columns)
-    n_doppler, window = transform.n_doppler_bins, transform.window / np.sqrt((transform.window**2).sum())
-    found = compute_cell_power(Frames.of(baseband(values, range_m=RANGE_M[:3])), transform, window, scans)
-    assert found.shape == (len(scans), n_doppler, 3)
-    for j, k in itertools.product(scans, range(n_doppler)):
-        turn = np.exp(-2j * np.pi * (k - n_doppler // 2) * np.arange(window.size) / n_doppler)
-        literal = abs((window * turn) @ values[37 * j : 37 * j + window.size]) ** 2
-        np.testing.assert_allclose(found[j, k], literal, rtol=1e-3, atol=1e-4)
 
 
 def test_the_floor_of_every_bin_is_found_beside_bodies():
@@ -263,12 +239,6 @@ def test_without_range_there_is_one_detection_for_each_cluster_of_doppler():
         assert all(d.range_sd_m == NO_RANGE_SD_M and d.range_low_m == d.range_high_m == 0.0 for d in scan.detections)
     with pytest.raises(AnalysisError, match=r"1 range bins.*noise_map"):
         scans_of(values, Detector(method="os_cfar"), range_m=np.array([0.0]))
-
-
-def test_times_are_those_of_the_recording():
-    scans = scans_of(noise(401, 14), Detector(hop_s=0.05), start_s=100.0)
-    assert [scan.time_s for scan in scans] == pytest.approx(100.05 + 0.05 * np.arange(7))
-    assert not any(scan.detections for scan in scans_of(np.zeros((401, 120))))
 
 
 def test_what_cannot_be_analysed_is_refused():

@@ -72,16 +72,6 @@ def test_alignment_is_for_drifts_above_10_hz_e29():
     assert needs_alignment(line_signature(60 - 5.5 * POSITION))
 
 
-def test_alignment_moves_the_line_to_zero_and_keeps_the_column_sums_e29():
-    wanted = 60 + 40 * POSITION - 15 * POSITION**2
-    mu = line_signature(wanted)
-    aligned = align(mu, wanted)
-    centroid = (aligned.values * DOPPLER_HZ).sum(axis=1) / aligned.values.sum(axis=1)
-    assert np.abs(centroid).max() < 0.01
-    np.testing.assert_allclose(aligned.values.sum(axis=1), mu.values.sum(axis=1), rtol=1e-12)
-    assert np.abs(main_line_hz(aligned, order=1)).max() < 1.0
-
-
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_alignment_by_parts_of_bins_is_cubic_convolution_on_a_circle_e29(dtype):
     bin_hz = PRF_HZ / K

@@ -9,7 +9,6 @@ from doppelgait.core.labels import BASEBAND, SIGNATURE, make_array
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import simulate
-from doppelgait.processing.normalise import compute_median
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
@@ -65,15 +64,6 @@ def test_floor_of_noise_alone_e28(n_gate, doppler_bins):
     assert estimates == pytest.approx([wanted] * 4, rel=0.02)
 
 
-@pytest.mark.parametrize("n_gate", [1, 20, 32])
-def test_floor_is_not_raised_by_a_line_e28(n_gate):
-    wanted = n_gate * 1e-6 * W2
-    estimates = [
-        processing.noise_floor_v2(noise_signature(n_gate, seed=s, echo=1e-2)) for s in range(4)
-    ]  # SNR 20 dB a frame
-    assert np.mean(estimates) == pytest.approx(wanted, rel=0.03)
-
-
 # a gate across a bin edge sums parts of two variables: up to 12 % above the law of one
 @pytest.mark.parametrize(
     ("snr_db", "settings", "rel"),
@@ -118,14 +108,6 @@ def small_signature(values, centre_range_m=5.0, n_gate=4):
     return make_array(SIGNATURE, values, coords, {"n_gate_bins": n_gate})
 
 
-def test_columns_sum_to_one_after_the_floor_is_taken_off_e28():
-    mu = small_signature([[1, 5, 3], [1, 1, 9], [0.5, 1, 1]])
-    found = processing.normalise(mu, 1.0)
-    np.testing.assert_allclose(found.values, [[0, 4 / 6, 2 / 6], [0, 0, 1], [0, 0, 0]])
-    assert found.attrs["units"] == "1"
-    assert mu.attrs["units"] == "V^2"
-
-
 def test_columns_over_their_maximum_e28():
     found = processing.normalise(small_signature([[1, 5, 3], [1, 1, 9]]), 0.0, mode="max")
     np.testing.assert_allclose(found.values, [[0.2, 1, 0.6], [1 / 9, 1 / 9, 1]])
@@ -147,10 +129,3 @@ def test_unknown_normalisation_is_refused():
 def test_independent_columns_are_60_ms_apart_e38():
     assert processing.count_independent_columns(noise_signature(4, seconds=3.1)) == pytest.approx(3.0 / 0.06, rel=0.01)
     assert processing.count_independent_columns(small_signature(np.ones((2, 3)))) == 1.0
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 2), (7, 3), (40, 25)])
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_median_is_that_of_numpy(shape, dtype):
-    cells = np.random.default_rng(2).random(shape).astype(dtype)
-    assert compute_median(cells) == pytest.approx(float(np.median(cells)), rel=1e-7)

@@ -117,17 +117,6 @@ def test_parts_add_up_to_the_signature():
     assert np.abs(difference).max() < 1e-3 * mu.values.max()
 
 
-def test_who_goes_away_has_the_parts_of_who_comes():
-    body = together(TORSO, LEG)
-    mirrored = as_baseband(np.conj(body.values))
-    one, other = (
-        locate(scene)[0].power_v2(Frames.of(scene), ANALYSIS, wavelength_m=WAVELENGTH_M).label().values
-        for scene in (body, mirrored)
-    )
-    # -f of a bin is its mirror image but for the lowest one
-    assert np.allclose(one[:, :, 1:], other[:, :, :0:-1], rtol=1e-3, atol=1e-5 * one.max())
-
-
 def test_noise_does_not_move_the_shares():
     body = together(TORSO, LEG)
     rng = np.random.default_rng(3)

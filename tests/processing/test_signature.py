@@ -86,19 +86,6 @@ def fixed_gate(y, centre_m=2.0, span_m=0.5, **options):
     return Gate.around(t, np.full(t.size, centre_m), span_m=span_m, source="given", **options)
 
 
-def test_signature_is_labelled():
-    y = tone(100.0, start_s=2.0)
-    mu = signature(y, fixed_gate(y), Analysis(), wavelength_m=WAVELENGTH_M)
-    assert mu.dims == ("time", "doppler")
-    assert mu.attrs["units"] == "V^2"
-    assert mu.dtype == np.float32
-    assert mu.coords["time"].values[0] == pytest.approx(2.05)
-    assert np.diff(mu.coords["time"].values) == pytest.approx(0.008)
-    np.testing.assert_allclose(mu.coords["velocity"], mu.coords["doppler"].values * WAVELENGTH_M / 2)
-    assert mu.coords["doppler"].values[mu.values[0].argmax()] == pytest.approx(100, abs=4)
-    assert '"given"' in mu.attrs["gate"]
-
-
 def test_a_gate_beside_the_target_sees_nothing_and_one_outside_the_frame_is_refused():
     y = tone(70.0)
     beside = signature(y, fixed_gate(y, centre_m=2.6), Analysis(), wavelength_m=WAVELENGTH_M)

@@ -104,12 +104,6 @@ def test_off_boresight_angles_are_those_of_the_rotated_frame():
         np.testing.assert_allclose(ahead, 0.0, atol=1e-7)
 
 
-def test_a_ceiling_antenna_that_looks_down_sees_best_what_is_below():
-    down = math.radians(-90.0)
-    below = apply_antenna(table([1.0, 0.0], [down, 0.0]), cosine(), boresight_tilt_rad=down)
-    np.testing.assert_allclose(below["path_gain"].values, [[1.0, 1e-4]], rtol=1e-9)
-
-
 def test_an_echo_gets_the_pattern_twice():
     antenna = cosine(70.0, 50.0)
     scatterers = table(np.radians([20.0, 55.0, -15.0]), np.radians([10.0, 10.0, 35.0]), path_gain=0.25)

@@ -133,12 +133,6 @@ def test_correlated_noise_counts_as_fewer_independent_bins_and_goes_into_the_rad
         assert table["noise_correlation"] == pytest.approx(rho, abs=0.02)
 
 
-def test_noise_does_not_see_static_echoes_however_strong() -> None:
-    """Strong static echoes with phase jitter put 40 dB over the noise into the differences of their own bins."""
-    strong, _ = measure(room(3, clutter_db=20.0)[0])
-    assert strong.estimates["noise_level_db"].value == pytest.approx(NOISE_DB, abs=0.2)
-
-
 def test_flat_and_sloping_noise_are_told_apart() -> None:
     flat, sloping = (radar_fit.fit_sensor(recording(room(4, slope_db_per_m=slope)[0])) for slope in (0.0, 1.0))
     assert flat.range_db == ()
@@ -179,17 +173,6 @@ def test_static_echo_is_recovered_bin_by_bin_despite_drift() -> None:
     assert np.abs(error).max() < 5 * 10 ** (NOISE_DB / 20) / math.sqrt(len(samples))
 
 
-def test_clutter_profile_is_the_mean_level_of_many_rooms() -> None:
-    deviations = []
-    for seed in range(12):
-        profile = measure(room(seed, frames=64)[0])[1].clutter
-        assert profile.axis.size <= 20
-        deviations.append((profile.level_db - mean_level_db(profile.axis)) / profile.sd_db)
-    z = np.array(deviations)
-    assert abs(z.mean()) < 0.35  # a mean of dB values would lie 2.5 dB = one sd low
-    assert np.abs(z).max() < 4.0
-
-
 def test_clutter_profile_maximises_the_exponential_likelihood() -> None:
     rng = np.random.default_rng(6)
     echo = 10 ** (mean_level_db(RANGE_M) / 20) * normal(rng, RANGE_M.size)
@@ -207,27 +190,6 @@ def test_clutter_profile_maximises_the_exponential_likelihood() -> None:
             other = found.level_db.copy()
             other[knot] += step
             assert cost(other) > cost(found.level_db)
-
-
-def test_noise_left_in_the_static_echo_is_taken_off() -> None:
-    """Noise alone, -60 dB: the profile must lie far below it."""
-    echo = 1e-3 * normal(np.random.default_rng(2), RANGE_M.size)
-    found = room_fit.fit_clutter_profile(
-        echo, range_m=RANGE_M, noise_power_v2=1e-6, resolution_m=RADAR.range_resolution_m
-    )
-    assert np.median(found.level_db) < -62.0
-
-
-def test_level_of_the_direct_path_scatters_as_its_uncertainty_says() -> None:
-    rng = np.random.default_rng(4)
-    levels = []
-    for _ in range(400):
-        echo = 1e-5 * normal(rng, RANGE_M.size)
-        echo[3] += 1e-3
-        found = room_fit.estimate_leakage(echo, range_m=RANGE_M, noise_power_v2=1e-10)
-        levels.append(found.level_db)
-    assert np.mean([e.value for e in levels]) == pytest.approx(-60.0, abs=0.01)
-    assert np.std([e.value for e in levels]) == pytest.approx(levels[0].sd, rel=0.12)
 
 
 def test_series_maximises_the_dense_gaussian_likelihood() -> None:
@@ -365,7 +327,7 @@ def test_the_share_of_dropped_frames_lies_within_its_uncertainty(length: float) 
     scores = []
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        samples = 1e-5 * normal(rng, 400, 8)
+        samples = 1e-5 * normal(rng, 600, 8)
         spec = make_impairment({"kind": "dropped_frames", "probability": 0.05, "mean_length": length})
         samples = apply_impairments(samples, [spec], radar=X4_8, rng=rng).matrix
         kind = radar_fit.fit_sensor(recording(samples, X4_8))

@@ -268,10 +268,3 @@ def test_every_preset_says_which_effects_it_has(name):
         "phase noise and jitter": (),
     }.items():  # fmt: skip
         assert any(f"\n{key} = " in text for key in keys) or effect in comments, effect
-
-
-def test_effects_follow_parameters_and_impairments():
-    counter = Radar.preset("x4", threshold_step_v=1e-3, noise_correlation=(0.54, 0.15), fold_echoes=False)
-    assert list(describe_effects(counter, {"phase_noise", "frame_jitter", "adc"}).values()) == [
-        "counter, 1 mV a step", "0.54, 0.15", "0.95 of the frame", "none", "adc", "none", "phase_noise, frame_jitter",
-    ]  # fmt: skip

@@ -11,7 +11,6 @@ from contextlib import ExitStack, nullcontext, suppress
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
-from time import sleep
 from types import SimpleNamespace
 
 import numpy as np
@@ -294,7 +293,7 @@ def oracle(content: bytes, n_bins: int) -> list[int]:
     return found
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_damaged_bytes_cost_only_their_frames(tmp_path, seed):
     rng = np.random.default_rng(seed)
     content = bytearray(frames())
@@ -489,17 +488,19 @@ def test_strangers_end_nothing_and_the_sensor_comes_back(transport, sent, ends):
 @pytest.mark.parametrize("transport", ["tcp", "udp"])
 def test_a_sensor_that_is_silent_gives_its_place_to_one_that_sends(transport):
     stream = open_stream(f"{transport}://:0", timeout_s=100.0, once=False)
+    done = threading.Event()
     with connect(stream) as lost, connect(stream) as again:
         send(lost, OPENING, frames(0, 60))
         wait_until(lambda: stream.waiting)
         sending = threading.Thread(
-            target=lambda: [send(again, OPENING + frames(60, 61)) or sleep(0.1) for _ in range(30)]
+            target=lambda: [done.wait(0.1) or send(again, OPENING + frames(60, 61)) for _ in range(30)]
         )
         sending.start()
         _, rows, texts = take(stream, closes=False)
         assert (len(rows), stream.complete) == (60, False)
         assert any("stopped without an end record after 60 frames" in text for text in texts)
         following = stream.next_run()
+        done.set()
         send(again, dgf.END_RECORD)
         np.testing.assert_array_equal(take(following, closes=False)[1][0], ROWS[60])
         join(sending)

@@ -85,15 +85,6 @@ def test_the_border_of_a_ball_is_where_and_as_wide_as_stated():
     np.testing.assert_allclose(gain[1:], (6 * x**5 - 15 * x**4 + 10 * x**3) ** 2, atol=1e-6)
 
 
-def test_only_what_stands_before_a_point_hides_it():
-    radar = np.array([10.0, 0.0, 0.0])
-    place = np.array([[[-1.0, 0, 0], [0.25, 0, 0], [0.5, 0, 0], [1.0, 0.1, 0]]])
-    gain = bodies.compute_visible_power(place, ball([0, 0, 0]), none_own(4), radar)
-    np.testing.assert_array_equal(gain[0], [0, 1, 1, 1])
-    beyond = bodies.compute_visible_power(np.array([[[5.0, 0, 0]]]), ball([20.0, 0, 0]), none_own(1), radar)
-    assert beyond[0, 0] == 1  # behind the radar
-
-
 def test_a_point_that_comes_from_behind_to_before_does_not_click():
     """Through a ball along the line of sight and across it: no step of amplitude beyond the slope of the ramps."""
     radar, step_m = np.array([100.0, 0.0, 0.0]), 1e-4

@@ -77,22 +77,6 @@ def scenes(draw):
     return Scene(targets, **options)
 
 
-@settings(max_examples=30, deadline=None)
-@given(scene=scenes())
-def test_a_scene_is_equal_after_toml(scene, tmp_path_factory):
-    path = tmp_path_factory.mktemp("scenes") / "scene.toml"
-    path.write_text(scene.to_toml(), encoding="utf-8")
-    files = [t.motion for t in scene.targets if t.motion["kind"] == "file"]
-    read = Scene.from_toml(path)
-    if not files:
-        assert read == scene
-    path.write_text(read.to_toml(), encoding="utf-8")  # paths of files are absolute now
-    assert Scene.from_toml(path) == read
-    assert [t.motion["path"] for t in read.targets if t.motion["kind"] == "file"] == [
-        str(path.parent / motion["path"]) for motion in files
-    ]
-
-
 @settings(max_examples=25, deadline=None)
 @given(scene=scenes(), seed=st.integers(0, 2**40), snr_db=st.floats(-100, 200), auto=st.booleans())
 def test_a_run_is_equal_after_toml(scene, seed, snr_db, auto, tmp_path_factory):

@@ -35,12 +35,6 @@ def test_autocovariance_falls_to_1_over_e_at_the_correlation_time(kind):
     np.testing.assert_allclose(covariance, np.exp(-((lag_s / 0.06) ** 2)), atol=0.02)
 
 
-def test_scatterers_fluctuate_independently():
-    found = sample_fluctuation("swerling1", np.arange(2000) * 1.0, 4, correlation_s=0.1, rng=np.random.default_rng(4))
-    correlation = np.corrcoef(found.T)[~np.eye(4, dtype=bool)]
-    assert np.abs(correlation).max() < 4 / 2000**0.5
-
-
 def test_smooth_no_clicks_from_pulse_to_pulse():
     """Mean square slope of the Gaussian process is 1 / T_c^2, so that of the exponential factor is 4 / (2 T_c^2)."""
     step_s = 1e-4
@@ -71,17 +65,6 @@ def rcs_of(spec, seed=None, walkers=1, **scene):
     return assemble(
         Scene(targets, **scene), T, angles=False, rng=None if seed is None else np.random.default_rng(seed)
     )["rcs"].values
-
-
-def test_the_scene_fluctuates_around_the_split():
-    mean = rcs_of(RcsSpec())
-    found = rcs_of(RcsSpec(fluctuation="swerling1"), seed=8)
-    assert found.shape == mean.shape
-    assert found.std(axis=0).min() > 0
-    twice = rcs_of(RcsSpec(fluctuation="swerling1", total_m2=2 * mean[0].sum()), seed=8)
-    np.testing.assert_allclose(twice, 2 * found, rtol=1e-12)
-    many = [rcs_of(RcsSpec(fluctuation="swerling3"), seed=s)[0].sum() for s in range(300)]
-    assert np.mean(many) == pytest.approx(mean[0].sum(), rel=0.06)
 
 
 def test_one_total_per_target_around_the_stated_mean():

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning, MotionError
-from doppelgait.core.labels import SCATTERER_VARIABLES
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
@@ -69,16 +68,6 @@ def test_radial_velocity_is_minus_the_derivative_of_range_e04():
     start = placed.position_m[0]
     distance = np.sqrt(((start - np.array([0.5, -1, 1.3])) ** 2).sum(axis=-1))
     np.testing.assert_allclose(table["range"].values[0], distance, rtol=1e-12)
-
-
-def test_scatterer_table_has_every_variable_with_its_unit():
-    table = assemble(Scene([Target(boulic_walk(duration_s=1.0))]), np.arange(10) / 100)
-    variables = {name: unit for name, unit in SCATTERER_VARIABLES.items() if name != "path_phase"}  # limbs, ghosts
-    assert set(table.data_vars) == set(variables)
-    for name, unit in variables.items():
-        assert table[name].attrs["units"] == unit
-        assert table[name].dims == ("slow_time", "scatterer")
-    assert table.sizes == {"slow_time": 10, "scatterer": 17}
 
 
 @pytest.mark.parametrize("bearing_deg", [0.0, 30.0, -100.0])

@@ -19,7 +19,7 @@ import processes
 from doppelgait import motion, viz
 from doppelgait.core import labels
 from doppelgait.core.errors import AnalysisError, ConfigError, OutputError
-from doppelgait.viz.maps import doppler_limits_hz, level_limits_db, occupied_rows
+from doppelgait.viz.maps import doppler_limits_hz, level_limits_db
 from doppelgait.viz.motion import PART_COLOURS, find_part_group
 from doppelgait.viz.spectra import densest_band_hz
 from doppelgait.viz.style import label_quantity
@@ -131,13 +131,6 @@ def test_signature_draws_db_of_the_input_clipped_to_the_range() -> None:
     assert axes.get_xlim()[0] < axes.get_xlim()[1]
 
 
-def test_signature_axes_and_colour_bar_name_units_and_dynamic_range() -> None:
-    raw, bar = viz.signature(make_signature(), db_range=30.0).axes
-    assert (raw.get_xlabel(), raw.get_ylabel()) == ("time (s)", "Doppler frequency (Hz)")
-    assert raw.child_axes[0].get_ylabel().startswith("radial velocity (m/s)")
-    assert bar.get_ylabel() == "power (dB re 1 V²), 30 dB shown"
-
-
 def test_second_axis_is_half_a_wavelength_per_hertz() -> None:
     hertz, metres = second_axis_limits(viz.signature(make_signature()).axes[0])
     np.testing.assert_allclose(metres, hertz * WAVELENGTH_M / 2)
@@ -153,13 +146,6 @@ def test_automatic_limits_hold_the_line_and_zero_and_leave_out_the_noise() -> No
     assert doppler_limits_hz(make_signature(), lines_hz=[-150.0, np.nan])[0] < -150.0
     only_noise = make_signature().copy(data=make_signature().values[:, ::-1] * 0 + 1)
     assert doppler_limits_hz(only_noise) == (DOPPLER_HZ[0], DOPPLER_HZ[-1])
-
-
-def test_one_loud_row_is_no_line() -> None:
-    power = np.ones((10, 20))
-    power[:, 4] = 50.0
-    power[:, 10:13] = 50.0
-    assert np.flatnonzero(occupied_rows(power)).tolist() == [10, 11, 12]
 
 
 def test_automatic_range_ends_below_the_noise_but_not_beyond_40_db() -> None:
@@ -204,13 +190,6 @@ def test_truth_lines_are_one_a_scatterer_in_their_parts_colours() -> None:
     np.testing.assert_allclose(axes.lines[3].get_ydata(), 2 * 2.5 / WAVELENGTH_M)
     assert labels_of(axes) == ["torso", "head", "left leg", "right leg", "left arm", "main line"]
     assert axes.get_ylim()[1] > 2 * 4.0 / WAVELENGTH_M
-
-
-def test_main_line_is_drawn_at_the_columns() -> None:
-    line_hz = np.linspace(60.0, 100.0, 40)
-    (line,) = viz.signature(make_signature(), main_line_hz=line_hz).axes[0].lines
-    np.testing.assert_array_equal(line.get_xdata(), make_signature().coords["time"])
-    np.testing.assert_array_equal(line.get_ydata(), line_hz)
 
 
 def test_normalisation_pair_shares_the_doppler_axis() -> None:
@@ -287,14 +266,6 @@ def test_moving_gate_is_drawn_where_it_is_at_the_time_of_the_map() -> None:
     assert viz.range_doppler_map(timeless, gate=gate).axes[0].patches[0].get_x() == pytest.approx(1.25)
 
 
-def test_infinite_doppler_band_fills_the_axis() -> None:
-    axes = viz.range_doppler_map(make_range_doppler(), gate=make_gate()).axes[0]
-    _, low, _, high = axes.patches[0].get_bbox().extents
-    bottom, top = axes.get_ylim()
-    assert bottom <= low < bottom + 5.0
-    assert top - 5.0 < high <= top
-
-
 def test_range_lines_are_thin_for_points_and_bold_for_torso_and_feet() -> None:
     axes = viz.range_lines(make_scatterers()).axes[0]
     bold = [line for line in axes.lines if line.get_linewidth() > 2.0]
@@ -303,37 +274,6 @@ def test_range_lines_are_thin_for_points_and_bold_for_torso_and_feet() -> None:
     np.testing.assert_allclose(bold[0].get_ydata(), 5.05 - 0.01 * np.arange(30))
     assert {line.get_linestyle() for line in axes.lines} == {"-"}
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("time (s)", "range (m)")
-
-
-@pytest.mark.filterwarnings("error")
-def test_mean_of_the_torso_skips_unknown_points() -> None:
-    scatterers = make_scatterers()
-    scatterers["range"].values[:10, 0] = np.nan
-    scatterers["range"].values[:5, 1] = np.nan
-    torso = next(line for line in viz.range_lines(scatterers).axes[0].lines if line.get_label() == "torso (mean)")
-    plotted = np.asarray(torso.get_ydata())
-    assert np.isnan(plotted[:5]).all()
-    np.testing.assert_allclose(plotted[5:10], 5.1 - 0.01 * np.arange(5, 10))
-
-
-def test_doppler_lines_are_two_v_over_lambda() -> None:
-    axes = viz.doppler_lines(make_scatterers(), wavelength_m=WAVELENGTH_M).axes[0]
-    head = next(line for line in axes.lines if line.get_label() == "head")
-    np.testing.assert_allclose(head.get_ydata(), 2 * 2.0 / WAVELENGTH_M)
-    assert axes.get_ylabel() == "Doppler frequency (Hz)"
-
-
-@pytest.mark.parametrize(
-    ("part", "group"),
-    [
-        ("torso", "torso"), ("trunk", "torso"), ("left_forearm", "left arm"), ("right_thigh", "right leg"),
-        ("left_fore_paw", "left foreleg"), ("right_hind_upper", "right hind leg"), ("tail", "tail"), ("", "other"),
-        ("left_", "left leg"), ("wing", "other"),
-    ],
-)  # fmt: skip
-def test_every_part_has_a_group_with_a_colour(part: str, group: str) -> None:
-    assert find_part_group(part) == group
-    assert group in PART_COLOURS
 
 
 def frames_of(figure: Figure) -> list[Axes]:
@@ -413,11 +353,6 @@ def test_cadence_spectrum_marks_its_peaks_with_their_values() -> None:
     assert [text.get_text() for text in axes.texts] == ["1", "2"]
     assert labels_of(axes) == ["1: gait frequency, 2.00 Hz", "2: harmonic, 4.00 Hz"]
     assert axes.get_ylabel() == "level (dB re maximum)"
-
-
-def test_amplitude_spectrum_counts_twice_in_db() -> None:
-    curve = viz.cadence_spectrum(make_spectrum(), amplitude=True).axes[0].lines[0]
-    assert np.asarray(curve.get_ydata())[40] == pytest.approx(-20.0)
 
 
 def test_no_gait_frequency_is_said_and_a_zero_spectrum_can_be_drawn() -> None:

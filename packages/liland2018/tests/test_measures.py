@@ -71,12 +71,6 @@ def test_peaks_are_counted_with_those_at_the_ends(steps):
     assert places[[0, -1]] == pytest.approx([0, 999], abs=20)
 
 
-def test_small_ripples_are_no_peaks():
-    times = np.arange(1000) / RATE_HZ
-    curve = np.sin(2 * np.pi * times) + 0.2 * np.sin(2 * np.pi * 9 * times)
-    assert measures.find_peaks(curve, RATE_HZ, smoothing_s=0.001).size == 5
-
-
 def test_oscillation_of_a_line_with_drift():
     times = np.arange(900) / RATE_HZ
     curve = 90 + 5 * times + 12 * np.sin(2 * np.pi * 2.1 * times) + 3 * np.sin(2 * np.pi * 4.2 * times)

@@ -100,20 +100,6 @@ def test_strides_vary_with_the_given_deviation_and_memory(kind, foot, setting, m
     assert np.exp(speed.mean()) == pytest.approx(np.ptp(make(duration_s=60).position_m[:, 0, 0]) / 60, rel=0.02)
 
 
-def test_models_of_walkers_have_their_parameters_and_assumed_facts():
-    walk, dog, person = (
-        dg.motion.models.boulic_walk(),
-        dg.motion.models.quadruped_gait(),
-        dg.motion.models.human_gait().facts,
-    )
-    assert walk.duration_s == dog.duration_s == dg.motion.models.human_gait().duration_s == 5.0
-    assert walk.facts.mass_kg == pytest.approx(23 * 1.75**2)
-    assert "assumed" in walk.report["mass_kg"]
-    assert (dog.facts.height_m, dog.facts.mass_kg) == (0.5, pytest.approx((0.5 / 0.175) ** 3))
-    assert all("assumed" in text for text in dog.report.values())
-    assert person.gait_frequency_hz == person.step_frequency_hz == 2 * person.stride_frequency_hz
-
-
 @pytest.mark.parametrize(
     ("make", "options", "expected"),
     [

@@ -103,7 +103,7 @@ def literal(nodes: list[Node], values: np.ndarray) -> np.ndarray:
     return result
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_positions_agree_with_a_matrix_walk(seed: int) -> None:
     draw = np.random.default_rng(seed)
     nodes = []
@@ -154,17 +154,6 @@ def test_an_unclear_unit_is_said_and_can_be_given(tmp_path: Path) -> None:
     assert motion.report["length_unit_from"] == motion.report["up_axis_from"] == "option"
     np.testing.assert_allclose(motion.positions.sel(marker="a").values[3], 3 * 0.0254 / 0.45)
     assert motion.rate_hz == 60.0
-
-
-def test_z_up_is_seen_by_the_parts_of_a_person(tmp_path: Path) -> None:
-    tree = {name: (parent, (o[2], o[0], o[1])) for name, (parent, o) in PERSON.items()}
-    values = person_values()
-    values[:, :3] = values[:, [2, 0, 1]]
-    values[:, 6:] = 0.0
-    path = write(tmp_path / "a.bvh", hierarchy(tree, "Hips"), rows(values), len(values))
-    motion = read(path, clean=False)
-    assert motion.report["up_axis"] == "z"
-    assert motion.positions.sel(marker="Hips").values[:, 2] == pytest.approx(1.0)
 
 
 def test_helpers_fixed_root_and_doubles_are_left_out(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ import pytest
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion import boulic_walk, crawling_person, human_gait, quadruped_gait
 from doppelgait.motion.readers import read
-from doppelgait.motion.readers.c3d import read_layout
 from doppelgait.motion.readers.points import AXES, find_up_axis
 from doppelgait.motion.skeleton import find_parts, list_marker_sets
 from walking_body import NAMES, walking_body
@@ -219,15 +218,6 @@ def test_declared_axis_is_taken_when_parts_are_unknown(tmp_path: Path) -> None:
     assert read(path, clean=False).report["up_axis"] == "y"  # of known parts, the body decides
 
 
-def test_feet_below_a_raised_origin_still_show_what_is_up() -> None:
-    position = walker() - [0, 0, 1.0]
-    position[:100, -1, 0] = position[0, -1, 0]
-    position[:100, -2, 0] = position[0, -2, 0]
-    for sign in (1, -1):
-        found = find_up_axis(position * [1, 1, sign], [""] * 16, declared="z")
-        assert found["up_axis"] == ("z" if sign > 0 else "-z")
-
-
 BODIES = {
     "dog": quadruped_gait(duration_s=1.5),
     "crawler": crawling_person(duration_s=3.0),
@@ -345,24 +335,6 @@ def test_no_usable_file(tmp_path: Path) -> None:
             read(tmp_path / name)
 
 
-def test_format_is_found_by_content(walk_mm: Path, tmp_path: Path) -> None:
-    other = tmp_path / "Ein Gang – ходьба.dat"
-    walk_mm.rename(other)
-    assert read(other, clean=False).positions.sizes["marker"] == 16
-
-
-@pytest.mark.parametrize("n_frames", [1, 2])
-def test_a_pose_is_no_motion(tmp_path: Path, n_frames: int) -> None:
-    with pytest.raises(MotionError, match=f"{n_frames} frame.*3 or more"):
-        read(write_c3d(tmp_path / "a.c3d", walker(n_frames=n_frames) * 1000))
-
-
-def test_angles_alone_are_no_motion(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", walker()[:, :2] * 1000, labels=["LHipAngles", "RHipAngles"])
-    with pytest.raises(MotionError, match="no marker positions"):
-        read(path)
-
-
 def test_the_wrong_processor_is_refused_with_a_reason(walk_mm: Path) -> None:
     with pytest.raises(MotionError, match="truncated or damaged"):
         read(patch(walk_mm, 512 + 3, bytes([86])))
@@ -370,60 +342,9 @@ def test_the_wrong_processor_is_refused_with_a_reason(walk_mm: Path) -> None:
         read(patch(walk_mm, 512 + 3, bytes([87])))
 
 
-def test_cut_file_gives_the_frames_it_holds(walk_mm: Path) -> None:
-    content = walk_mm.read_bytes()
-    data_at = (struct.unpack_from("<H", content, 16)[0] - 1) * 512
-    walk_mm.write_bytes(content[: data_at + 50 * 16 * 16 + 100])
-    with pytest.warns(DoppelgaitWarning, match="declares 200 frames but holds 50"):
-        motion = read(walk_mm, clean=False)
-    np.testing.assert_allclose(motion.position_m, walker()[:50], atol=1e-5)
-
-
 def test_points_of_header_and_parameters_must_agree(walk_mm: Path) -> None:
     with pytest.raises(MotionError, match="header declares 15 points, its parameters 16"):
         read(patch(walk_mm, 2, struct.pack("<H", 15)))
-
-
-def test_analog_words_that_only_the_header_counts(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", walker() * 1000)
-    content = bytearray(path.read_bytes())
-    data_at = (struct.unpack_from("<H", content, 16)[0] - 1) * 512
-    frames = np.frombuffer(bytes(content[data_at : data_at + 200 * 256]), dtype="<f4").reshape(200, 64)
-    wider = np.concatenate([frames, np.full((200, 6), 7.0, dtype="<f4")], axis=1)
-    content[4:6] = struct.pack("<H", 6)
-    path.write_bytes(bytes(content[:data_at]) + wider.tobytes())
-    motion = read(path, clean=False)
-    np.testing.assert_allclose(motion.position_m, walker(), atol=1e-5)
-    assert "layout of the header" in motion.report["notes"][0]
-
-
-def with_description(path: Path, description: bytes) -> Path:
-    """Give POINT:LABELS these bytes as length byte and text of its description."""
-    layout, content = read_layout(path), path.read_bytes()
-    record = layout.records["POINT", "LABELS"]
-    old = content[layout.section_at : layout.data_at]
-    step = struct.pack("<H", record.end - record.step_at + len(description))
-    section = old[: record.step_at] + step + old[record.step_at + 2 : record.end] + description + old[record.next_at :]
-    section = section.ljust(-(-len(section) // 512) * 512, b"\0")
-    header = bytearray(content[: layout.section_at])
-    header[16:18] = struct.pack("<H", 1 + (len(header) + len(section)) // 512)
-    path.write_bytes(bytes(header) + section + content[layout.data_at :])
-    return path
-
-
-@pytest.mark.parametrize("description", [b"", bytes([200]) + b"x" * 200], ids=["missing", "long"])
-def test_descriptions_do_not_matter(walk_mm: Path, description: bytes) -> None:
-    motion = read(with_description(walk_mm, description), clean=False)
-    assert motion.markers == NAMES
-    np.testing.assert_allclose(motion.position_m, walker(), atol=1e-5)
-    assert motion.report["notes"] == []
-
-
-def test_analog_offsets_stored_as_floats(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", walker() * 1000)
-    record = read_layout(path).records["ANALOG", "OFFSET"]
-    patch(path, 512 + record.step_at + 2, bytes([4]))
-    np.testing.assert_allclose(read(path, clean=False).position_m, walker(), atol=1e-5)
 
 
 def test_more_frames_than_the_header_can_count(tmp_path: Path) -> None:

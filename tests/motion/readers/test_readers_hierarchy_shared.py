@@ -8,7 +8,6 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from doppelgait.motion import Motion
-from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.describe import describe_motion
 from doppelgait.motion.readers import cut_part, read
 from recorded import read_manifests
@@ -118,25 +117,6 @@ def test_stride_agrees_with_the_manifest(shared: Path, name: str) -> None:
     first, last = (int(float(row[key])) - moved for key in ("seg_start_frame", "seg_end_frame"))
     motion = cut_part(Path(name), _read(shared, name), max(first, 0) / rate, last / rate)
     assert describe_motion(motion)["stride_hz"] == pytest.approx(float(row["stride_hz"]), abs=0.1)
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_recording_comes_out_clean(shared: Path, name: str) -> None:
-    motion = clean_motion(_read(shared, name))
-    assert np.isfinite(motion.position_m).all()
-    assert motion.facts.species == ("" if name in MANN else "dog" if name in TENCENT else "human")
-
-
-def test_helpers_are_named(shared: Path) -> None:
-    dropped = _read(shared, TENCENT[1]).report["dropped"]
-    named = set().union(*dropped.values())
-    assert {"Bip01", "Bip01_Footsteps", "Bip01_HeadNub", "Dog_Jaw", "Dog_LeftArmor002", "Dog_LeftTail009"} <= named
-    assert {"b__Neck", "b__LeftFinger", "b_Tail009"} <= set(_read(shared, TENCENT[1]).positions.marker.values)
-    bandai = _read(shared, BANDAI[0]).report["dropped"]
-    assert bandai["root node, no joint of the body (by its name)"] == ["joint_Root"]
-    assert bandai["same place as Head"] == ["Head_End"]
-    cmu = _read(shared, CMU_BVH[0]).report["dropped"]
-    assert cmu["same place as Hips"] == ["LHipJoint", "RHipJoint", "LowerBack"]
 
 
 def test_one_walk_in_three_formats(shared: Path) -> None:

@@ -192,13 +192,6 @@ def test_rate_axes_radar_and_notes_of_a_matlab_recording(moving_target):
     assert other.baseband["range"].values[0] == pytest.approx(1.0 + 13 * BIN_M)
 
 
-def test_version_7_3_reads_as_version_5(moving_target, tmp_path):
-    write_v73(tmp_path / "v73.mat", matlab_content(rf_frames(moving_target[1]), subject=None))
-    xr.testing.assert_identical(
-        read_recording(tmp_path / "v73.mat").baseband, read_recording(moving_target[0]).baseband
-    )
-
-
 @pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize("dtype", ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "c16"])
 def test_matrices_of_every_number_class_read_as_scipy_reads_them(tmp_path, dtype, packed):

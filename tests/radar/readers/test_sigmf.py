@@ -1,6 +1,5 @@
 """SigMF pairs, our own and foreign ones, against the specification's rules and the sigmf package where it is there."""
 
-import hashlib
 import json
 import tarfile
 from contextlib import nullcontext
@@ -70,22 +69,6 @@ def test_round_trip(tmp_path, name, facts):
         assert (again.noise_power_v2, again.seed) == (2.5e-9, 7)
         assert np.isnan(again.snr_frame_db)
         assert again.notes[0] == "assumed x"
-
-
-def test_the_files_keep_the_specification(tmp_path):
-    recording = make_recording()
-    write_sigmf(recording, tmp_path / "walk")
-    content = (tmp_path / "walk.sigmf-data").read_bytes()
-    flat = recording.baseband.values.ravel()
-    assert content == np.stack([flat.real, flat.imag], axis=1).astype("<f4").tobytes()  # pulse by pulse, I then Q
-    meta = read_meta(tmp_path)
-    assert set(meta) == {"global", "captures", "annotations"}
-    assert meta["global"]["core:datatype"] == "cf32_le"
-    assert meta["global"]["core:sha512"] == hashlib.sha512(content).hexdigest()
-    assert meta["global"]["core:sample_rate"] == pytest.approx(500.0 * recording.n_range_bins)
-    assert meta["captures"] == [{"core:sample_start": 0, "core:frequency": 7.29e9, "doppelgait:time_s": 0.25}]
-    own = {"name": "doppelgait", "version": "1.0.0", "optional": True}
-    assert meta["global"]["core:extensions"] == [own]
 
 
 def test_the_sigmf_package_takes_them(tmp_path):

@@ -75,17 +75,6 @@ def test_slab_equals_the_characteristic_matrix(mode):
     np.testing.assert_allclose(t, [one[1] for one in expected], rtol=1e-9)
 
 
-def test_no_slab_no_change_and_metal_stops_all():
-    air = {"permittivity": 1 + 0j, "thickness_m": 0.3, "wavelength_m": LAMBDA_M}
-    for mode in ("te", "tm"):
-        np.testing.assert_allclose(materials.insertion_coefficient(COSINES, mode=mode, **air), 1.0, rtol=1e-12)
-    metal = materials.relative_permittivity("metal", wavelength_m=LAMBDA_M)
-    options = {"permittivity": metal, "thickness_m": 0.001, "wavelength_m": LAMBDA_M}
-    np.testing.assert_allclose(materials.slab_reflection(COSINES, mode="te", **options), -1.0, rtol=1e-3)
-    np.testing.assert_allclose(materials.slab_reflection(COSINES, mode="tm", **options), 1.0, rtol=5e-3)
-    assert np.all(np.isfinite(materials.slab_transmission(np.array([0.0, 1.0]), mode="tm", **options)))
-
-
 def test_delay_at_an_angle_is_that_of_the_refracted_way():
     eps, d, wall_m, far_m, aside_m = 3.91, 0.115, 2.0, 6.0, 2.4
 

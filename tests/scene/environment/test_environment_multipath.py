@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.scene.environment import GroundBounce, Setting, Wall, WallGhost, apply_environment
@@ -73,26 +72,6 @@ def test_floor_images_lie_and_move_as_the_mirrored_points():
     np.testing.assert_allclose(once["azimuth"], direct["azimuth"].values, atol=1e-12)
     middle = 0.5 * (direct["elevation"].values + expected["elevation"].values)  # same azimuth: halfway is the mean
     np.testing.assert_allclose(once["elevation"], middle, atol=1e-12)
-
-
-def test_rows_added_by_the_floor():
-    _, position, _ = moving(n_points=3, n_pulses=4)
-    table = echo_table(position, RADAR, names=["LFOO", "a:bounce", "head"], aspect=True).assign_attrs(note="kept")
-    table["rcs"] = (("slow_time", "scatterer"), np.broadcast_to([0.1, 0.2, 0.3], (4, 3)), {"units": "m^2"})
-    after = apply_environment(table, [GroundBounce()], SETTING)
-    (mirror,) = after.attrs.pop("mirrors")
-    assert (mirror.first, list(mirror.sources)) == (3, [0, 1, 2])
-    xr.testing.assert_identical(after.isel(scatterer=slice(0, 3)).drop_vars("path_phase"), table)
-    assert (after["path_phase"].values[:, :3] == 0).all()
-    assert list(after["target"].values) == [0, 0, 0, -1, -1, -1, -1, -1, -1]
-    assert after["marker"].values[3] == "LFOO:bounce"  # a marker that ends so is still a marker
-    assert after["marker"].values[4] == "a:bounce:bounce"
-    assert after["part"].values[-1] == "torso:double_bounce"
-    np.testing.assert_array_equal(after["rcs"].values[0], [0.1, 0.2, 0.3] * 3)
-    assert np.isnan(after["aspect"].values[:, 3:]).all()
-    for name, unit in (("range", "m"), ("path_gain", "1"), ("path_phase", "rad")):
-        assert after[name].attrs["units"] == unit
-        assert after[name].dims == ("slow_time", "scatterer")
 
 
 def test_points_on_or_under_the_floor_reflect_in_themselves():

@@ -200,17 +200,6 @@ def test_nuisances_without_a_plan_are_those_of_the_index_and_it_is_said():
     assert len(both.values) == 480
 
 
-def test_accuracy_falls_where_the_signal_does():
-    dataset = made_up(800)
-    loud = dataset.index["quality_snr_mu_db"] > 15
-    noise = np.random.default_rng(0).normal(0, 3, len(dataset))
-    dataset.index["feature_step_length_m"] += np.where(loud, 0, noise)
-    bins = evaluate(dataset, models=["six-boosting"]).document["conditions"]["snr"]["models"]["six-boosting"]
-    assert [entry["from"] for entry in bins] == [0, 5, 10, 15, 20, 25]
-    assert np.mean([b["value"] for b in bins[3:]]) > np.mean([b["value"] for b in bins[:3]]) + 0.15
-    assert sum(entry["n"] for entry in bins) == len(dataset.index[dataset.index["split"] == "test"])
-
-
 def test_targets_stay_on_one_side():
     rows = collect_rows(made_up())
     crossed = choose_folds(rows, Options(n_folds=4))[0]
@@ -708,13 +697,6 @@ def test_without_held_rows_nothing_is_the_best(tmp_path):
     assert "six-logistic, six-boosting: not calibrated" in " ".join(found.document["notes"])
     assert "not calibrated" in write_report(found, tmp_path / "out")[-1].read_text()
     assert evaluate(few_targets(), models=["six-logistic"], keep=True).best == "six-logistic"
-
-
-def test_nuisances_are_those_of_verify(dataset):
-    table = collect_inputs(collect_rows(dataset), "nuisance")
-    assert "target.range_m" in table.names or any("range" in name for name in table.names)
-    assert len(table.values) == len(dataset)
-    assert not np.isnan(table.values[:, table.names.index("index.rcs_total_m2")]).any()
 
 
 def test_recording_results_and_file_give_the_same(found, recording, tmp_path):

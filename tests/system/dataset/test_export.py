@@ -214,16 +214,6 @@ def test_sigmf_by_our_reader(dataset, tmp_path):
         assert found.snr_frame_db == pytest.approx(example.row["snr_frame_db"])
 
 
-def test_sigmf_by_its_own_package(dataset, tmp_path):
-    sigmf = pytest.importorskip("sigmf")
-    export_dataset(dataset["test"], tmp_path / "out", form="sigmf")
-    example = dataset["test"].example(0)
-    found = sigmf.sigmffile.fromfile(str(tmp_path / "out" / "test" / example.id))
-    found.validate()
-    assert np.array_equal(found.read_samples().reshape(example.baseband.shape), example.baseband.values)
-    assert [a["core:label"] for a in found.get_annotations()] == [example.label]
-
-
 def test_sigmf_has_one_recording_per_scene(mixed, tmp_path):
     export_dataset(mixed, tmp_path / "out", form="sigmf")
     paths = sorted((tmp_path / "out").rglob("*.sigmf-meta"))

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import shutil
-from contextlib import suppress
 
 import h5py
 import numpy as np
@@ -205,21 +204,6 @@ def test_damage_is_named_and_the_rest_is_checked(copy):
     assert "train-00001-of-00003 (train-00001-of-00003.json is missing)" in words
     assert "train-00002-of-00003.h5.partial" in found.check("leftovers").summary
     assert found.check("duplicates").status == "passed"
-
-
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize("count", [8, pytest.param(400, marks=pytest.mark.release)])
-def test_a_flipped_bit_is_found(copy, record_property, count):
-    rng, files = np.random.default_rng(7), sorted(path for path in copy.rglob("*") if path.is_file())
-    for path in rng.choice(files, count):
-        whole = path.read_bytes()
-        damaged, at = bytearray(whole), rng.integers(len(whole))
-        damaged[at] ^= 1 << rng.integers(8)
-        path.write_bytes(damaged)
-        with suppress(DatasetError):
-            assert not verify(copy).passed, (path.name, at)
-        path.write_bytes(whole)
-    record_property("attack", ("flipped bit in a file of a dataset", count, "found by verify"))
 
 
 def test_a_complete_dataset_may_miss_no_shard_and_no_index(copy):

@@ -127,7 +127,7 @@ def test_defaults_go_with_the_target():
     assert "height_m" not in page.parse_controls({"who": "cat"})
 
 
-@pytest.mark.parametrize("speed", ["0.3", "1.6", "1.9", "2.6", "4", "6.5", "9"])
+@pytest.mark.parametrize("speed", ["0.3", "1.9", "9"])
 def test_at_every_speed_the_page_has_features(speed):
     velocity_mps = page.run_of({"speed_mps": speed}).targets(None)[0].result.features.torso_velocity_mps
     assert velocity_mps == pytest.approx(float(speed), rel=0.1, abs=0.05)
