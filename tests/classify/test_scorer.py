@@ -8,7 +8,7 @@ import pytest
 
 from doppelgait.classify import scorer
 from doppelgait.classify.export import export_model
-from doppelgait.classify.learned import Constant
+from doppelgait.classify.learned import Learned
 from doppelgait.classify.model_file import MODEL
 from doppelgait.classify.scorer import Scorer
 from doppelgait.core.errors import ConfigError
@@ -43,7 +43,7 @@ def test_the_exported_scorer_follows_a_track_as_its_model_does(tmp_path):
 
 
 def test_a_share_that_is_constant(tmp_path):
-    model = replace(export_model_of("linear"), learned=Constant(np.log([0.2, 0.8])))
+    model = replace(export_model_of("linear"), learned=Learned("constant", {"log_share": np.log([0.2, 0.8])}))
     made = export_model(model, "numpy", tmp_path / "out")
     features, _, joined = inputs_of(model, 5, 0)
     assert np.allclose(Scorer(made.folder / "model.npz").probability(features), model.probability(joined))

@@ -28,7 +28,6 @@ from doppelgait.classify.learned import (
     LabelledRows,
     Learned,
     Seen,
-    TrackNetwork,
     join_inputs,
     select_features,
 )
@@ -216,7 +215,7 @@ def run_model(
         if fold.test.size:
             parts.append(scores.answer_rows(model, take_rows(rows, fold.test), table.values[fold.test]))
             # those of an ensemble are shown; for a network of tracks it would take hours
-            shuffled = name not in BASELINES and not members and not isinstance(model.learned, TrackNetwork)
+            shuffled = name not in BASELINES and not members and model.learned.kind != "track"
             importance.append(_rank_features(rows, table, model, fold, seed) if shuffled else {})
         own = _compute_losses(model, table.values[fold.held], rows.labels[fold.held])
         losses.append(float(own.mean()) if own.size else np.inf)
@@ -270,7 +269,7 @@ def describe_model(
     """Calibrate what was trained on a fold, by its or other answers to the held rows."""
     kind, n_classes = training.find_kind(name), len(rows.classes)
     train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
-    of_tracks = isinstance(learned, TrackNetwork)
+    of_tracks = learned.kind == "track"
     answers = learned.log_probability(held.values) if answers is None else answers
     groups = rows.groups[fold.held]
     if of_tracks:  # the windows that are evidence in a stream

@@ -22,7 +22,6 @@ from doppelgait.classify.learned import (
     IntArray,
     Learned,
     Novelty,
-    TrackNetwork,
     select_features,
 )
 from doppelgait.classify.scorer import log_softmax
@@ -311,7 +310,7 @@ class Model:
     @property
     def blocking(self) -> tuple[str, ...]:
         """Patterns of the flags that prevent a decision."""
-        return self.facts.blocking if isinstance(self.learned, TrackNetwork) else (*self.facts.blocking, *BLOCKING)
+        return self.facts.blocking if self.learned.kind == "track" else (*self.facts.blocking, *BLOCKING)
 
     def mark_outside(self, values: Inputs) -> npt.NDArray[np.bool_]:
         """Mark features outside the training range, shape (n, d)."""

@@ -432,9 +432,10 @@ def test_a_linear_model_of_the_first_format_has_no_logarithms(found, tmp_path):
     path = save_model(found.models["six-logistic"], tmp_path / "m.npz")
     rewritten(path, lambda arrays: (arrays.pop("floor"), put_text(arrays, lambda d: d.update(format_version=1))))
     linear = load_model(path).learned
-    values = np.abs(np.random.default_rng(0).normal(size=(5, linear.median.size)))
-    columns = np.hstack([values, np.zeros((5, linear.told.size))])
-    scores = (columns - linear.mean) / linear.scale @ linear.weight.T + linear.bias
+    own = linear.arrays
+    values = np.abs(np.random.default_rng(0).normal(size=(5, own["median"].size)))
+    columns = np.hstack([values, np.zeros((5, own["told"].size))])
+    scores = (columns - own["mean"]) / own["scale"] @ own["weight"].T + own["bias"]
     expected = scores - np.logaddexp.reduce(scores, axis=1, keepdims=True)
     np.testing.assert_allclose(linear.log_probability(values), expected, rtol=1e-9, atol=1e-12)
     rewritten(path, lambda arrays: arrays.update(floor=np.ones(2)))

@@ -141,10 +141,11 @@ def test_the_last_layer_gives_the_scores(models: ModuleType) -> None:
     patch = import_module("sim_to_real_xband_images").PATCH
     rng = np.random.default_rng(5)
     sizes = (1, 4, 6, 6, 5)
-    kernels = [rng.standard_normal((sizes[n + 1], sizes[n], 3, 3)).astype(np.float32) for n in range(4)]
-    ones = [np.ones(size, dtype=np.float32) for size in sizes[1:]]
+    own = {f"kernel.{n}": rng.standard_normal((sizes[n + 1], sizes[n], 3, 3)).astype(np.float32) for n in range(4)}
+    for name, value in (("scale", 1.0), ("bias", 0.1)):
+        own |= {f"{name}.{n}": np.full(size, value, dtype=np.float32) for n, size in enumerate(sizes[1:])}
     weight, bias = rng.standard_normal((2, 5)).astype(np.float32), np.array([0.3, -0.2], dtype=np.float32)
-    network = learned.Network(tuple(kernels), tuple(ones), tuple(0.1 * one for one in ones), weight, bias, patch)
+    network = learned.Learned("network", own | {"weight": weight, "bias": bias}, patch)
     levels = np.empty(3, dtype=object)
     levels[:] = [rng.random((64, 48 + 10 * n), dtype=np.float32) for n in range(3)]
     scores = models.last_layer(network, levels) @ weight.T + bias
