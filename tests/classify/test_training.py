@@ -21,6 +21,7 @@ from doppelgait.core import plugins
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.processing.patches import Patch
 from doppelgait.testing import check_classifier
+from export_models import random_network
 
 
 @pytest.mark.filterwarnings("ignore:torch is not installed")  # its network of tracks is then smaller
@@ -123,17 +124,6 @@ def test_logistic_regression_separates_products_and_ratios():
     assert np.isfinite(model.log_probability(np.array([[0.0, -1.0, -5.0], [np.nan] * 3]))).all()
 
 
-def random_network(seed):
-    """A network of random weights, in the form that training gives."""
-    rng = np.random.default_rng(seed)
-    sizes = zip((1, *CHANNELS), CHANNELS, strict=False)
-    own = {f"kernel.{n}": rng.normal(0, 0.3, (*size[::-1], 3, 3)).astype(np.float32) for n, size in enumerate(sizes)}
-    for name, value in (("scale", 1.0), ("bias", 0.1)):
-        own |= {f"{name}.{number}": np.full(n, value, np.float32) for number, n in enumerate(CHANNELS)}
-    own |= {"weight": rng.normal(size=(2, CHANNELS[-1])).astype(np.float32), "bias": np.zeros(2, np.float32)}
-    return Learned("network", own, Patch())
-
-
 def two_views(count, seed):
     """Rows of two features and levels, none of which tells the classes on its own."""
     rng = np.random.default_rng(seed)
@@ -153,7 +143,7 @@ def joined():
     members = [
         fit(find_kind(name), *features, n_classes=2, seed=0) for name in ("extended-logistic", "extended-boosting")
     ]
-    return join([*members, random_network(seed=0)], held, n_classes=2), held
+    return join([*members, random_network(np.random.default_rng(0), 2, Patch(), CHANNELS)], held, n_classes=2), held
 
 
 def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members(joined):

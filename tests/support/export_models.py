@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from doppelgait.classify.learned import LAYERS, LabelledRows, Learned, Seen, join_inputs
+from doppelgait.classify.learned import LabelledRows, Learned, Seen, join_inputs
 from doppelgait.classify.model import ECHOES, WIDEST, Calibration, Facts, Model
 from doppelgait.classify.network import train_track_network
 from doppelgait.classify.scorer import covering, of_pictures
@@ -23,6 +23,7 @@ NAMES = (
     "limb_torso_ratio", "gait_frequency_hz",
 )  # fmt: skip
 KINDS = ("linear", "trees", "network", "ensemble")
+SHARES = (0.2, 0.5, 0.3)
 
 ALARM_MODEL = SimpleNamespace(
     facts=SimpleNamespace(
@@ -94,19 +95,16 @@ def model_of_tracks(n: int = 30, network: Learned | None = None) -> tuple[Model,
 
 def random_track_network(rng: np.random.Generator, n_classes: int, channels: tuple[int, ...] = (4, 6)) -> Learned:
     """A network of tracks of random numbers; its answers differ from picture to picture."""
-    n, e, m, h, layers = 2 * len(NAMES), 7, 5, 6, []
-    for n_in, n_out in pairwise((N_SLICES, *channels)):
-        kernel = rng.normal(0.0, (2.0 / (9 * n_in)) ** 0.5, (n_out, n_in, 3, 3))
-        layers.append((kernel, rng.choice([-1.0, 1.3], n_out), rng.normal(0.0, 0.1, n_out)))
-    shapes = {"feature": (4, n), "embed": (e, 2 * channels[-1] + 4), "gate": (m, e + 2), "value": (m, e + 2)}
-    shapes |= {"hidden": (h, 3 * m), "": (n_classes, h)}
-    arrays = {
-        f"{name}_weight".lstrip("_"): rng.normal(0.0, 1.5 / shape[1] ** 0.5, shape) for name, shape in shapes.items()
-    }
-    arrays |= {f"{name}_bias".lstrip("_"): rng.normal(0.0, 0.1, shape[0]) for name, shape in shapes.items()}
+    n, e, m, h, arrays = 2 * len(NAMES), 7, 5, 6, {}
+    for k, (n_in, n_out) in enumerate(pairwise((N_SLICES, *channels))):
+        arrays[f"kernel.{k}"] = rng.normal(0.0, (2.0 / (9 * n_in)) ** 0.5, (n_out, n_in, 3, 3))
+        arrays |= {f"scale.{k}": rng.choice([-1.0, 1.3], n_out), f"bias.{k}": rng.normal(0.0, 0.1, n_out)}
+    shapes = {"feature_": (4, n), "embed_": (e, 2 * channels[-1] + 4), "gate_": (m, e + 2), "value_": (m, e + 2)}
+    shapes |= {"hidden_": (h, 3 * m), "": (n_classes, h)}
+    arrays |= {f"{name}weight": rng.normal(0.0, 1.5 / size[1] ** 0.5, size) for name, size in shapes.items()}
+    arrays |= {f"{name}bias": rng.normal(0.0, 0.1, size[0]) for name, size in shapes.items()}
     arrays |= {"forgetting_hz": rng.uniform(0.01, 0.2, m)}
     standard = {"median": np.zeros(len(NAMES)), "told": np.arange(len(NAMES)), "mean": np.zeros(n), "scale": np.ones(n)}
-    arrays |= {f"{name}.{k}": each[n] for n, name in enumerate(LAYERS) for k, each in enumerate(layers)}
     own = {name: values.astype(np.float32) for name, values in arrays.items()}
     return Learned("track", {**standard, "floor": np.zeros(len(NAMES)), **own})
 
@@ -137,8 +135,8 @@ def export_model_of(
         slopes = rng.uniform(0.3, 0.8, 3)
         arrays = {"weights": np.array([0.4, 0.2, 0.4]), "slopes": slopes, "shifts": shifts}
         learned = Learned("ensemble", arrays, members=(*members, net))
-    elif kind == "network":
-        learned = net
+    elif kind in ("network", "constant"):
+        learned = net if kind == "network" else Learned("constant", {"log_share": np.log(SHARES[:n_classes])})
     else:
         learned = train[kind](part, nothing, n_classes=n_classes, seed=0)
     names = () if kind == "network" else NAMES

@@ -31,7 +31,7 @@ GAINS = {"ALPHA": 0.4, "BETA": 0.3, "NOISE_SHARE": 0.2, "SPIKE": 30.0}
 """Gains of range, velocity and noise, and power of a spike over the mean of a processing interval; assumed."""
 MOST_SPIKES = 20  # pulses in succession, after which the level has changed
 CONFIRM, MOST_LOST, LEAST_FOUND = 5, 10, 0.6  # columns to begin, columns without an echo, share of a window with one
-SURE_SD = 8.0  # standard deviations above the mean of the noise at which an echo is found in one column
+SURE_SD = 8.0  # standard deviations above the mean of the noise at which a column has an echo
 TOLERANCE_OF_GOLDEN = 1e-3
 LARGEST = 127
 HOPS_PER_COLUMN = 4  # transforms whose power is one column of a picture

@@ -54,9 +54,10 @@ ARRAYS: dict[str, dict[str, str]] = {
     },
     "network": {"weight": "ci", "bias": "c"},
     "track": {
-        **{**COLUMNS, "floor": "f", "feature_weight": "vk", "feature_bias": "v", "embed_weight": "ep"},
-        **{"embed_bias": "e", "gate_weight": "mq", "gate_bias": "m", "value_weight": "mq", "value_bias": "m"},
-        **{"forgetting_hz": "m", "hidden_weight": "ys", "hidden_bias": "y", "weight": "cy", "bias": "c"},
+        **{**COLUMNS, "floor": "f", "feature_weight": "vk", "feature_bias": "v"},
+        **{"embed_weight": "ep", "embed_bias": "e", "gate_weight": "mq", "gate_bias": "m"},
+        **{"value_weight": "mq", "value_bias": "m", "forgetting_hz": "m"},
+        **{"hidden_weight": "ys", "hidden_bias": "y", "weight": "cy", "bias": "c"},
     },
     "ensemble": {"weights": "m", "slopes": "m", "shifts": "mc"},
 }

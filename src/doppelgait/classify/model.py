@@ -226,7 +226,7 @@ class Facts(FrozenModel):
     version: str
     n_train: int = Field(ge=0)
     n_held: int = Field(ge=0)
-    n_own: int = Field(default=0, ge=0)  # rows of own recordings that the probabilities were adapted to
+    n_own: int = Field(default=0, ge=0)  # own rows that the probabilities were adapted to
     seed: int
     analysis: dict[str, Any]  # parameters of the analysis that made the features
     conditions: dict[str, tuple[float, float]]

@@ -125,7 +125,7 @@ class _ClassEvidence:
     alarm: bool = False
     reached: tuple[bool, bool] = (False, False)  # the last window reached the threshold; and with others in the gate
     memory: tuple[Memory, float] = (EMPTY, 0.0)
-    with_others: tuple[Memory, float] = (EMPTY, 0.0)  # also of windows since another body is in the gate
+    with_others: tuple[Memory, float] = (EMPTY, 0.0)  # also with another body in the gate
 
     def remember(self, model: Model, values: Inputs, stop_s: float, *, shared: bool) -> FloatArray:
         """Add a window to the memory of a network; return its answer."""
