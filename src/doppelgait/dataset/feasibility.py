@@ -65,7 +65,7 @@ class RowLimits:
 
 
 def list_limit_keys(name: str, radar: Radar) -> list[str]:
-    """List the keys of a plan that change a limit of this radar."""
+    """List the keys to change for a limit of a radar."""
     # echoes of pulses fold by the pulse rate, those of sweeps by the sampling rate
     unused = {"radar.sample_rate_hz" if name == "folding" and radar.folds_pulses else "radar.pulse_rate_hz"}
     unused |= set() if "decimation" in radar.waveform.takes else {"radar.decimation"}
