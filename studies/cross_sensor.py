@@ -38,7 +38,6 @@ from sklearn.metrics import f1_score
 
 from doppelgait.classify.data import convert_features
 from doppelgait.classify.learned import (
-    Ensemble,
     FloatArray,
     Inputs,
     LabelledRows,
@@ -170,7 +169,7 @@ class Trained:
 
 def ask(model: Learned, inputs: Inputs) -> FloatArray:
     """Return log-probabilities of a member or an ensemble, (n, 2), not calibrated."""
-    return model.log_probability(inputs if isinstance(model, Ensemble) else select_inputs(model, inputs))
+    return model.log_probability(inputs if model.members else select_inputs(model, inputs))
 
 
 def train(rows: pd.DataFrame, settings: Mapping[str, Training], seed: int) -> Trained:

@@ -36,7 +36,7 @@ from sklearn.preprocessing import StandardScaler
 from doppelgait.classify.adapt import score_adaptation
 from doppelgait.classify.data import Rows, collect_inputs, collect_rows
 from doppelgait.classify.evaluation import evaluate
-from doppelgait.classify.learned import Linear
+from doppelgait.classify.learned import Learned
 from doppelgait.classify.model import Calibration, Facts, Model
 from doppelgait.classify.scores import auc
 from doppelgait.classify.training import MEMBERS
@@ -118,8 +118,8 @@ def adaptation_table(frames: Sequence[pd.DataFrame], name: str) -> str:
     Means over the seeds of :func:`doppelgait.classify.adapt.score_adaptation`, rows under the charter's conditions. The
     model that is adapted has the log-odds of the answers as its only input.
     """
-    odds_alone = Linear(np.zeros(1), np.zeros(0, dtype=np.int64), np.zeros(1), np.ones(1), np.array([[0.0], [1.0]]),
-                        np.zeros(2))  # fmt: skip
+    own = {"median": np.zeros(1), "told": np.zeros(0, dtype=np.int64), "mean": np.zeros(1), "scale": np.ones(1)}
+    odds_alone = Learned("linear", own | {"weight": np.array([[0.0], [1.0]]), "bias": np.zeros(2)})
     facts = Facts(
         name="answers", features="six", names=("odds",), classes=("dog", "human"), dataset_id="", dataset_name="",
         version="", n_train=0, n_held=0, seed=0, analysis={}, conditions={},

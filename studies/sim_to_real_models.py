@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +16,10 @@ from sim_to_real_inputs import SIX, Inputs
 from xband_measures import FloatArray
 
 from doppelgait.classify.learned import Inputs as Values
-from doppelgait.classify.learned import LabelledRows, Learned, Linear, Network, join_inputs
+from doppelgait.classify.learned import LabelledRows, Learned, join_inputs
 from doppelgait.classify.model import Calibration, calibrate
 from doppelgait.classify.network import Training, train_network
+from doppelgait.classify.scorer import standardise
 from doppelgait.classify.scores import auc, balanced_accuracy
 from doppelgait.classify.training import Kind, fit, join
 from doppelgait.processing.patches import Patch
@@ -143,11 +144,10 @@ def novelty_of(fitted: Mapping[str, Fitted], learn: Inputs, held: Inputs) -> Cal
     layer. The larger of both counts, each by the share of held rows that are as far, as -log of that share.
     """
     linear = fitted["extended, logistic"]
-    views: list[Callable[[Inputs], FloatArray]] = [
-        lambda inputs: cast(Linear, linear.learned).standardise(inputs.matrix(linear.names))
-    ]
+    own = linear.learned.arrays
+    views: list[Callable[[Inputs], FloatArray]] = [lambda inputs: standardise(own, inputs.matrix(linear.names))]
     if "network" in fitted:
-        views.append(lambda inputs: last_layer(cast(Network, fitted["network"].learned), inputs.levels))
+        views.append(lambda inputs: last_layer(fitted["network"].learned, inputs.levels))
     labels = numbers_of(learn.labels, linear.classes)
     distances = [class_distance(view(learn), labels) for view in views]
     known = [np.sort(distance(view(held))) for view, distance in zip(views, distances, strict=True)]
@@ -180,11 +180,12 @@ def class_distance(columns: FloatArray, labels: npt.NDArray[np.int64]) -> Callab
     return distance
 
 
-def last_layer(network: Network, levels: npt.NDArray[Any]) -> FloatArray:
+def last_layer(network: Learned, levels: npt.NDArray[Any]) -> FloatArray:
     """Return the inputs of a network's last layer, shape (n, n_last)."""
-    count = network.weight.shape[1]
+    count = network.arrays["weight"].shape[1]
     weight = np.eye(count + 1, count, dtype=np.float32)  # one score that is 0 undoes the normalisation of the others
-    scores = replace(network, weight=weight, bias=np.zeros(count + 1, dtype=np.float32)).log_probability(levels)
+    last = {"weight": weight, "bias": np.zeros(count + 1, dtype=np.float32)}
+    scores = replace(network, arrays={**network.arrays, **last}).log_probability(levels)
     return np.asarray(scores[:, :-1] - scores[:, -1:])
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from doppelgait.classify.data import collect_inputs, collect_rows
 from doppelgait.classify.evaluation import Fold, describe_model, evaluate, hold_back
-from doppelgait.classify.learned import LabelledRows, TrackNetwork
+from doppelgait.classify.learned import LabelledRows, Learned
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import load_shipped_model, read_model_cards, save_model
 from doppelgait.classify.network import train_track_network
@@ -104,7 +104,7 @@ def train_tracks(work: Path, workers: int | None) -> None:
     table, of_radar = collect_inputs(rows, "track"), np.array([plan[0] for plan in plans])[rows.origin]
     everything, answers = np.arange(len(rows)), np.full((len(rows), len(rows.classes)), np.nan)
 
-    def fit(part: Any) -> TrackNetwork:
+    def fit(part: Any) -> Learned:
         known, none = (LabelledRows(table.values[n], rows.labels[n]) for n in (part, part[:0]))
         return train_track_network(known, none, n_classes=answers.shape[1], seed=0)
 

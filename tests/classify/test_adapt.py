@@ -10,7 +10,7 @@ from sklearn.linear_model import LogisticRegression
 
 from doppelgait.classify import adapt as adaptation
 from doppelgait.classify.data import Rows
-from doppelgait.classify.learned import Linear
+from doppelgait.classify.learned import Learned
 from doppelgait.classify.model import Calibration, Facts, Model
 from doppelgait.core.errors import DatasetError
 
@@ -20,8 +20,8 @@ NONE = np.zeros(0)
 @pytest.fixture
 def model():
     """Log odds of the second class are the feature itself."""
-    learned = Linear(np.zeros(1), np.zeros(0, dtype=np.int64), np.zeros(1), np.ones(1), np.array([[0.0], [1.0]]),
-                     np.zeros(2))  # fmt: skip
+    own = {"median": np.zeros(1), "told": np.zeros(0, dtype=np.int64), "mean": np.zeros(1), "scale": np.ones(1)}
+    learned = Learned("linear", own | {"weight": np.array([[0.0], [1.0]]), "bias": np.zeros(2)})
     facts = Facts(
         name="six-logistic", features="six", names=("step_length_m",), classes=("human", "dog"), dataset_id="x",
         dataset_name="x", version="0", n_train=9, n_held=9, seed=0, analysis={}, conditions={},

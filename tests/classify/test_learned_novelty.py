@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import mahalanobis
 
-from doppelgait.classify.learned import Constant, LabelledRows
+from doppelgait.classify.learned import LabelledRows, Learned
 from doppelgait.classify.model import Facts, Model, calibrate
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.training import LEVELS, SHRINKAGE, learn_novelty, standardise_columns, train_logistic
@@ -52,7 +52,7 @@ def test_ranks_are_uniform_for_known_kinds_and_least_for_others():
 
 def test_many_held_rows_become_quantiles_and_none_keep_nothing_away():
     many, _ = train_novelty(5 * LEVELS)
-    assert many.held.size == LEVELS
+    assert many.arrays["held"].size == LEVELS
     exact, _ = train_novelty(LEVELS)
     values = rows(200, 3).values
     assert np.allclose(many.rank(values), exact.rank(values), atol=0.07)
@@ -81,5 +81,6 @@ def test_a_file_keeps_it(model, tmp_path):
 
 
 def test_a_file_without_it_keeps_nothing_away(model, tmp_path):
-    bare = Model(model.facts, Constant(np.log([0.5, 0.5])), model.calibration, *([np.zeros(3)] * 3))
+    even = Learned("constant", {"log_share": np.log([0.5, 0.5])})
+    bare = Model(model.facts, even, model.calibration, *([np.zeros(3)] * 3))
     assert (load_model(save_model(bare, tmp_path / "old.npz")).rank(np.full((2, 3), 1e6)) == 1).all()

@@ -35,8 +35,8 @@ def test_a_model_of_tracks_is_kept_next_to_one_of_windows(tmp_path):
     assert np.array_equal(again.of_tracks.probability(rows.values), track.probability(rows.values))
     assert save_model(again, tmp_path / "n.npz").read_bytes() == (tmp_path / "m.npz").read_bytes()
     for field, change in (("forgetting_hz", -1.0), ("gate_bias", np.nan), ("embed_weight", 1e200)):
-        values = getattr(track.learned, field).astype(float) * 0 + change
-        damaged = replace(model, track=replace(track, learned=replace(track.learned, **{field: values})))
+        arrays = track.learned.arrays | {field: track.learned.arrays[field].astype(float) * 0 + change}
+        damaged = replace(model, track=replace(track, learned=replace(track.learned, arrays=arrays)))
         with pytest.raises(DatasetError, match="is not a model of doppelgait, or is damaged"):
             load_model(save_model(damaged, tmp_path / "d.npz"))
 

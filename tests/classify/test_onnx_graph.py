@@ -2,13 +2,11 @@
 
 import json
 import sys
-from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
-from doppelgait.classify.learned import Constant
 from doppelgait.classify.onnx_graph import build_onnx_model, round_threshold
 from doppelgait.core.errors import ConfigError
 from export_models import KINDS, export_model_of, inputs_of, network_of, pictures_of, require
@@ -45,7 +43,7 @@ def test_a_graph_gives_the_probabilities_of_its_model(run, kind, n_classes):
 
 
 def test_a_share_that_is_constant(run):
-    model = replace(export_model_of("linear"), learned=Constant(np.log([0.2, 0.8])))
+    model = export_model_of("constant")
     features, levels, joined = inputs_of(model, 5, 0)
     assert np.allclose(run(model, features, levels), model.probability(joined), atol=1e-6)
 

@@ -8,7 +8,6 @@ import pytest
 
 from doppelgait.classify import scorer
 from doppelgait.classify.export import export_model
-from doppelgait.classify.learned import Constant
 from doppelgait.classify.model_file import MODEL
 from doppelgait.classify.scorer import Scorer
 from doppelgait.core.errors import ConfigError
@@ -16,7 +15,7 @@ from export_models import KINDS, export_model_of, inputs_of, model_of_tracks
 
 
 @pytest.mark.parametrize("n_classes", [2, 3])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, "constant"])
 def test_the_exported_scorer_gives_the_probabilities_of_its_model(tmp_path, kind, n_classes):
     model = export_model_of(kind, n_classes)
     features, levels, joined = inputs_of(model, 200, 37)
@@ -40,13 +39,6 @@ def test_the_exported_scorer_follows_a_track_as_its_model_does(tmp_path):
     with pytest.raises(ConfigError, match="--form onnx: linear follows tracks"):
         export_model(track, "onnx", tmp_path / "c")
     assert "the model of tracks" in export_model(model, "onnx", tmp_path / "onnx").facts["left_out"]
-
-
-def test_a_share_that_is_constant(tmp_path):
-    model = replace(export_model_of("linear"), learned=Constant(np.log([0.2, 0.8])))
-    made = export_model(model, "numpy", tmp_path / "out")
-    features, _, joined = inputs_of(model, 5, 0)
-    assert np.allclose(Scorer(made.folder / "model.npz").probability(features), model.probability(joined))
 
 
 def test_the_exported_file_imports_nothing_but_numpy(tmp_path):

@@ -83,10 +83,17 @@ def test_groups_of_two_classes_are_drawn_whole():
 
 def test_calibration_error_by_hand():
     confidence = np.array([0.99, 0.98, 0.52, 0.51])
-    right = np.array([True, False, True, True])
-    bins = scores.bin_reliability(confidence, right, np.ones(4), 0.5)
-    assert [(b["n"], b["accuracy"]) for b in bins] == [(2, 1.0), (2, 0.5)]
-    assert scores.expected_calibration_error(bins) == pytest.approx(0.5 * (1 - 0.515) + 0.5 * (0.985 - 0.5))
+    found = scores.score_calibration(confidence, np.array([True, False, True, True]), np.ones(4), 0.5)
+    assert found["expected_calibration_error"] == pytest.approx(0.5 * (1 - 0.515) + 0.5 * (0.985 - 0.5))
+    assert [(b["n"], b["accuracy"]) for b in found["reliability"]] == [(4, 0.75)]  # too few for two bins
+
+
+def test_bins_of_the_calibration_diagram_have_equal_counts_unless_confidences_are_equal():
+    near_one, equal = 1.0 - 0.5 * np.random.default_rng(0).random(257) ** 4, np.repeat([0.6, 0.9, 1.0], [10, 10, 80])
+    for confidence, counts in ((near_one, [25, 25, 25, *[26] * 7]), (equal, [10, 10, 80])):
+        found = scores.score_calibration(confidence, confidence > 0.8, np.ones(confidence.size), 0.5)["reliability"]
+        assert sorted(b["n"] for b in found) == counts
+        assert sum(b["n"] * b["confidence"] for b in found) == pytest.approx(confidence.sum())
 
 
 def test_calibration_undoes_a_known_distortion():

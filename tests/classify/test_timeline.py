@@ -148,7 +148,7 @@ def test_a_network_of_tracks_remembers_what_may_be_decided():
     assert np.allclose(probabilities[3], expected[2], atol=1e-3)
     assert np.allclose(expected[2], model.probability(values[[0, 2]])[1])
     assert not np.allclose(expected[1], model.probability(values[1:2]), atol=1e-3)
-    shared = belief.remember(model, model.learned, values[1:2], 5.3, shared=True)
+    shared = belief.remember(model, values[1:2], 5.3, shared=True)
     values[1, -1] = values[1, -1]._replace(stop_s=2.8)
     assert np.allclose(shared, model.probability(values[[0, 2, 1]])[2], atol=1e-3)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from doppelgait.classify.learned import Constant, LabelledRows, Network, join_inputs, select_features
+from doppelgait.classify.learned import LabelledRows, Learned, join_inputs, select_features
 from doppelgait.classify.model import Facts, Model, calibrate
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.network import CHANNELS
@@ -21,6 +21,7 @@ from doppelgait.core import plugins
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.processing.patches import Patch
 from doppelgait.testing import check_classifier
+from export_models import random_network
 
 
 @pytest.mark.filterwarnings("ignore:torch is not installed")  # its network of tracks is then smaller
@@ -47,8 +48,12 @@ def registered():
         plugins._REGISTERED["classifier"].pop(name)
 
 
+def constant(shares):
+    return Learned("constant", {"log_share": np.log(shares)})
+
+
 def certain_model(train, held, *, n_classes, seed):
-    return Constant(np.log(np.full(n_classes, 1.0 / n_classes)))
+    return constant(np.full(n_classes, 1.0 / n_classes))
 
 
 def careless_model(train, held, *, n_classes, seed):
@@ -59,12 +64,9 @@ def careless_model(train, held, *, n_classes, seed):
 @pytest.mark.parametrize(
     ("train", "words"),
     [
-        (
-            lambda *_, n_classes, **__: Constant(np.log(np.random.default_rng().dirichlet(np.ones(n_classes)))),
-            "another model",
-        ),
+        (lambda *_, n_classes, **__: constant(np.random.default_rng().dirichlet(np.ones(n_classes))), "another model"),
         (certain_model, "of rows right"),
-        (lambda *_, n_classes, **__: Constant(np.full(n_classes, -2.0)), "do not add up"),
+        (lambda *_, n_classes, **__: constant(np.full(n_classes, 0.1)), "do not add up"),
         (careless_model, "changes its inputs"),
         (lambda *_, **__: None, "not one of"),
     ],
@@ -116,20 +118,10 @@ def test_logistic_regression_separates_products_and_ratios():
     values = np.column_stack([x, y, signed])
     values[::40, 0] = np.nan
     model = train_logistic(LabelledRows(values, labels), LabelledRows(values[:0], labels[:0]), n_classes=2, seed=0)
-    assert (model.floor > 0).tolist() == [True, True, False]  # what can be negative has no logarithm
+    assert (model.arrays["floor"] > 0).tolist() == [True, True, False]  # what can be negative has no logarithm
     known = ~np.isnan(x) & ~np.isnan(values[:, 0])
     assert ((model.log_probability(values).argmax(axis=1) == labels)[known]).mean() > 0.97
     assert np.isfinite(model.log_probability(np.array([[0.0, -1.0, -5.0], [np.nan] * 3]))).all()
-
-
-def random_network(seed):
-    """A network of random weights, in the form that training gives."""
-    rng = np.random.default_rng(seed)
-    sizes = zip((1, *CHANNELS), CHANNELS, strict=False)
-    kernels = tuple(rng.normal(0, 0.3, (n_out, n_in, 3, 3)).astype(np.float32) for n_in, n_out in sizes)
-    scales, biases = (tuple(np.full(n, value, np.float32) for n in CHANNELS) for value in (1.0, 0.1))
-    weight = rng.normal(size=(2, CHANNELS[-1])).astype(np.float32)
-    return Network(kernels, scales, biases, weight, np.zeros(2, np.float32), Patch())
 
 
 def two_views(count, seed):
@@ -151,7 +143,7 @@ def joined():
     members = [
         fit(find_kind(name), *features, n_classes=2, seed=0) for name in ("extended-logistic", "extended-boosting")
     ]
-    return join([*members, random_network(seed=0)], held, n_classes=2), held
+    return join([*members, random_network(np.random.default_rng(0), 2, Patch(), CHANNELS)], held, n_classes=2), held
 
 
 def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members(joined):
@@ -172,7 +164,7 @@ def test_an_ensemble_without_pictures_has_members_without_them():
         LabelledRows(select_features(part.values), part.labels) for part in (two_views(200, 0), two_views(60, 1))
     )
     found = fit(find_kind("ensemble"), train, held, n_classes=2, seed=0)
-    assert [type(member).__name__ for member in found.members] == ["Linear", "Trees"]
+    assert [member.kind for member in found.members] == ["linear", "trees"]
     assert (found.log_probability(held.values).argmax(axis=1) == held.labels).mean() > 0.7
 
 

@@ -2,7 +2,6 @@
 
 import os
 import warnings
-from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from doppelgait.classify.learned import Ensemble, LabelledRows, Network, Seen, TrackNetwork, join_inputs, list_arrays
+from doppelgait.classify.learned import LabelledRows, Learned, Seen, join_inputs
 from doppelgait.classify.model import ECHOES, WIDEST, Calibration, Facts, Model
 from doppelgait.classify.network import train_track_network
 from doppelgait.classify.scorer import covering, of_pictures
@@ -24,13 +23,14 @@ NAMES = (
     "limb_torso_ratio", "gait_frequency_hz",
 )  # fmt: skip
 KINDS = ("linear", "trees", "network", "ensemble")
+SHARES = (0.2, 0.5, 0.3)
 
 ALARM_MODEL = SimpleNamespace(
     facts=SimpleNamespace(
         classes=("human", "dog"), abstain_below=0.8, alarm="human", alarm_threshold=0.6,
         conditions={"observation_s": (2.0, 4.0)}, window_s=None,
     ),
-    calibration=SimpleNamespace(n_rows=98), learned=None,
+    calibration=SimpleNamespace(n_rows=98), learned=SimpleNamespace(kind="linear"),
 )  # fmt: skip
 ALARM_MODEL.of_tracks = ALARM_MODEL
 
@@ -43,21 +43,21 @@ def random_features(rng: np.random.Generator, n: int) -> np.ndarray:
     return values.astype(np.float32).astype(np.float64)
 
 
-def random_network(rng: np.random.Generator, n_classes: int, patch: Patch, channels: tuple[int, ...]) -> Network:
-    kernels, scales, biases, n_in = [], [], [], 1
-    for n_out in channels:
-        kernels.append(rng.normal(0.0, (2.0 / (9 * n_in)) ** 0.5, (n_out, n_in, 3, 3)).astype(np.float32))
-        scales.append(rng.choice([-1.0, 1.0], n_out, p=[0.2, 0.8]).astype(np.float32) * np.float32(1.3))
-        biases.append(rng.normal(0.0, 0.1, n_out).astype(np.float32))
+def random_network(rng: np.random.Generator, n_classes: int, patch: Patch, channels: tuple[int, ...]) -> Learned:
+    own, n_in = {}, 1
+    for n, n_out in enumerate(channels):
+        own[f"kernel.{n}"] = rng.normal(0.0, (2.0 / (9 * n_in)) ** 0.5, (n_out, n_in, 3, 3)).astype(np.float32)
+        own[f"scale.{n}"] = rng.choice([-1.0, 1.0], n_out, p=[0.2, 0.8]).astype(np.float32) * np.float32(1.3)
+        own[f"bias.{n}"] = rng.normal(0.0, 0.1, n_out).astype(np.float32)
         n_in = n_out
     weight = rng.normal(0.0, 2.0, (n_classes, n_in)).astype(np.float32)
-    found = Network(tuple(kernels), tuple(scales), tuple(biases), weight, np.zeros(n_classes, np.float32), patch)
+    own |= {"weight": weight, "bias": np.zeros(n_classes, np.float32)}
     # scores of pictures then differ by as much as those of a trained network
-    scores = of_pictures(list_arrays(found), np.stack([random_levels(rng, patch, patch.n_time) for _ in range(40)]))
+    scores = of_pictures(own, np.stack([random_levels(rng, patch, patch.n_time) for _ in range(40)]))
     scores -= scores.mean(axis=1, keepdims=True)
     factor = 1.5 / scores.std(axis=0).mean()
     bias = (-factor * scores.mean(axis=0)).astype(np.float32)
-    return replace(found, weight=(factor * weight).astype(np.float32), bias=bias)
+    return Learned("network", own | {"weight": (factor * weight).astype(np.float32), "bias": bias}, patch)
 
 
 def a_signature(carrier_hz: float, prf_hz: float, *, stated: bool = True) -> xr.DataArray:
@@ -79,7 +79,7 @@ def track_rows(rng: np.random.Generator, n: int) -> LabelledRows:
     return LabelledRows(join_inputs(features, windows), labels)
 
 
-def model_of_tracks(n: int = 30, network: TrackNetwork | None = None) -> tuple[Model, LabelledRows]:
+def model_of_tracks(n: int = 30, network: Learned | None = None) -> tuple[Model, LabelledRows]:
     """A model that follows tracks, trained for an epoch where torch is installed, and its rows."""
     rows = track_rows(np.random.default_rng(5), n)
     with warnings.catch_warnings():
@@ -93,26 +93,20 @@ def model_of_tracks(n: int = 30, network: TrackNetwork | None = None) -> tuple[M
     return Model(facts, network, Calibration(1.3, np.array([0.0, 0.2]), 9), -WIDEST * ones, WIDEST * ones, ones), rows
 
 
-def random_track_network(rng: np.random.Generator, n_classes: int, channels: tuple[int, ...] = (4, 6)) -> TrackNetwork:
+def random_track_network(rng: np.random.Generator, n_classes: int, channels: tuple[int, ...] = (4, 6)) -> Learned:
     """A network of tracks of random numbers; its answers differ from picture to picture."""
-    n, e, m, h, layers = 2 * len(NAMES), 7, 5, 6, []
-    for n_in, n_out in pairwise((N_SLICES, *channels)):
-        kernel = rng.normal(0.0, (2.0 / (9 * n_in)) ** 0.5, (n_out, n_in, 3, 3))
-        layers.append((kernel, rng.choice([-1.0, 1.3], n_out), rng.normal(0.0, 0.1, n_out)))
-    shapes = {"feature": (4, n), "embed": (e, 2 * channels[-1] + 4), "gate": (m, e + 2), "value": (m, e + 2)}
-    shapes |= {"hidden": (h, 3 * m), "": (n_classes, h)}
-    arrays = {
-        f"{name}_weight".lstrip("_"): rng.normal(0.0, 1.5 / shape[1] ** 0.5, shape) for name, shape in shapes.items()
-    }
-    arrays |= {f"{name}_bias".lstrip("_"): rng.normal(0.0, 0.1, shape[0]) for name, shape in shapes.items()}
+    n, e, m, h, arrays = 2 * len(NAMES), 7, 5, 6, {}
+    for k, (n_in, n_out) in enumerate(pairwise((N_SLICES, *channels))):
+        arrays[f"kernel.{k}"] = rng.normal(0.0, (2.0 / (9 * n_in)) ** 0.5, (n_out, n_in, 3, 3))
+        arrays |= {f"scale.{k}": rng.choice([-1.0, 1.3], n_out), f"bias.{k}": rng.normal(0.0, 0.1, n_out)}
+    shapes = {"feature_": (4, n), "embed_": (e, 2 * channels[-1] + 4), "gate_": (m, e + 2), "value_": (m, e + 2)}
+    shapes |= {"hidden_": (h, 3 * m), "": (n_classes, h)}
+    arrays |= {f"{name}weight": rng.normal(0.0, 1.5 / size[1] ** 0.5, size) for name, size in shapes.items()}
+    arrays |= {f"{name}bias": rng.normal(0.0, 0.1, size[0]) for name, size in shapes.items()}
     arrays |= {"forgetting_hz": rng.uniform(0.01, 0.2, m)}
     standard = {"median": np.zeros(len(NAMES)), "told": np.arange(len(NAMES)), "mean": np.zeros(n), "scale": np.ones(n)}
-    parts = {
-        name: tuple(map(np.float32, each))
-        for name, each in zip(("kernels", "scales", "biases"), zip(*layers, strict=True), strict=True)
-    }
     own = {name: values.astype(np.float32) for name, values in arrays.items()}
-    return TrackNetwork(**standard, floor=np.zeros(len(NAMES)), **parts, **own)
+    return Learned("track", {**standard, "floor": np.zeros(len(NAMES)), **own})
 
 
 def random_levels(rng: np.random.Generator, patch: Patch, n_time: int) -> np.ndarray:
@@ -139,9 +133,10 @@ def export_model_of(
         members = [train[name](part, nothing, n_classes=n_classes, seed=0) for name in train]
         shifts = np.hstack([np.zeros((3, 1)), rng.normal(0, 0.5, (3, n_classes - 1))])
         slopes = rng.uniform(0.3, 0.8, 3)
-        learned: Any = Ensemble((*members, net), np.array([0.4, 0.2, 0.4]), slopes, shifts)
-    elif kind == "network":
-        learned = net
+        arrays = {"weights": np.array([0.4, 0.2, 0.4]), "slopes": slopes, "shifts": shifts}
+        learned = Learned("ensemble", arrays, members=(*members, net))
+    elif kind in ("network", "constant"):
+        learned = net if kind == "network" else Learned("constant", {"log_share": np.log(SHARES[:n_classes])})
     else:
         learned = train[kind](part, nothing, n_classes=n_classes, seed=0)
     names = () if kind == "network" else NAMES
@@ -157,9 +152,8 @@ def export_model_of(
     )
 
 
-def network_of(model: Model) -> Network | None:
-    members = getattr(model.learned, "members", (model.learned,))
-    return next((member for member in members if isinstance(member, Network)), None)
+def network_of(model: Model) -> Learned | None:
+    return next((part for part in (model.learned, *model.learned.members) if part.kind == "network"), None)
 
 
 def inputs_of(model: Model, n: int, n_time: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -109,10 +109,9 @@ def score_adaptation(
         means = np.mean(draws, axis=0).tolist()
         spread = np.quantile(draws, (0.1, 0.9), axis=0)[:, 0].tolist()
         sure, hits, weights = (np.concatenate(part) for part in zip(*answers, strict=True))
-        bins = scores.bin_reliability(sure, hits, weights, 1.0 / count)
         names = ("balanced_accuracy", "low", "high", "before", "movers")
-        point = {"n": n, **dict(zip(names, [means[0], *spread, *means[1:]], strict=True)), "reliability": bins}
-        curve.append(point | {"expected_calibration_error": scores.expected_calibration_error(bins)})
+        point = {"n": n, **dict(zip(names, [means[0], *spread, *means[1:]], strict=True))}
+        curve.append(point | scores.score_calibration(sure, hits, weights, 1.0 / count))
     return curve
 
 
@@ -127,18 +126,20 @@ def adapt_to_rows(
         worst = ", ".join(f"{name} outside the training range in {count}" for name, count in counts.items() if count)
         notes.append(
             f"{int(blocked.sum())} of {len(rows)} own rows are not used, because the model makes no decision on them"
-            + (f" ({worst})" if worst else "")
+            + (f" ({worst})." if worst else ".")
         )
     rows, values = take_rows(rows, ~blocked), values[~blocked]
     if np.unique(rows.labels).size < len(rows.classes):
-        return model, [], [*notes, "not adapted: a class has no own recording left"]
+        return model, [], [*notes, "It is not adapted, because a class has no own recording left."]
     curve = score_adaptation(model, rows, values, np.random.default_rng(seed))
     if gone := [str(n) for n in COUNTS if n not in {point["n"] for point in curve}]:
         notes.append(
-            f"no score after {', '.join(gone)} own recordings of a class: too few, or no target would be left to score"
+            f"There is no score after {', '.join(gone)} own recordings of a class, because there are too few, or no "
+            "target would be left to score."
         )
     if "subject" in rows.index and rows.index["subject"].astype(str).str.startswith("file/").all():
         notes.append(
-            "own recordings name no subject: each counts as a separate target, though a target may be in several"
+            "The own recordings name no subject, so that each counts as a separate target, though a target may be in "
+            "several."
         )
     return adapt(model, values, rows.labels, list_row_recordings(rows)), curve, notes

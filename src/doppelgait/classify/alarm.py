@@ -79,7 +79,7 @@ def build_day(
 
 
 def answer_day(dataset: Dataset, probability: FloatArray) -> pd.DataFrame:
-    """Tabulate a classifier's answers (n,) to a dataset of episodes, confirmed after every window."""
+    """Tabulate a classifier's answers (n,) to episodes, confirmed after every window."""
     sections = dataset.plan_config.episodes
     labels = {make_example_id(one.label, 0).rpartition("-")[0]: one.label for one in sections}
     seen, scenes = list_windows(all_rows(dataset, ())), dataset.index["scene_id"].astype(str)
@@ -159,7 +159,7 @@ def score_at_threshold(day: PlanConfig, answers: pd.DataFrame, threshold: float)
 
 
 def estimate_weighted_count(counts: npt.ArrayLike, weights: npt.ArrayLike) -> dict[str, float]:
-    """Return a weighted sum of counts, with 95 % by the gamma approximation (Fay and Feuer 1997)."""
+    """Return a weighted sum of counts, with 95 % by a gamma law (Fay and Feuer 1997)."""
     from scipy.stats import gamma
 
     n, w = np.asarray(counts, dtype=np.float64), np.asarray(weights, dtype=np.float64)

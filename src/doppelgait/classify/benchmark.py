@@ -36,7 +36,7 @@ from doppelgait.classify.model_file import open_model
 from doppelgait.classify.network import NO_TORCH, is_torch_installed
 from doppelgait.classify.options import BenchmarkOptions, takes_options
 from doppelgait.classify.report import format_interval, format_number
-from doppelgait.classify.scores import auc, auc_interval, bin_reliability, expected_calibration_error
+from doppelgait.classify.scores import auc, auc_interval, score_calibration
 from doppelgait.classify.timeline import follow_rows, fuse_rows
 from doppelgait.classify.training import find_kind, fit
 from doppelgait.core.config import validate
@@ -131,7 +131,8 @@ def score_part(dataset: Dataset, probability: FloatArray) -> dict[str, Any]:
     ends = index.groupby("number").tail(1)
     values, human = ends["p"].to_numpy(dtype=np.float64), (ends["label"] == ALARM_CLASS).to_numpy(dtype=bool)
     scenes, right = ends["scene_id"].to_numpy(dtype=str), (values >= 0.5) == human
-    bins = bin_reliability(np.maximum(values, 1.0 - values), right, row_weights(human.astype(np.int64), 2), 0.5)
+    weights = row_weights(human.astype(np.int64), 2)
+    calibrated = score_calibration(np.maximum(values, 1.0 - values), right, weights, 0.5)
     low, high = auc_interval(values, human, scenes, seed=0) or (None, None)
     day, answers = dataset.plan_config, answer_day(dataset, probability)
     wanted = answers["label"].isin([one.label for one in day.episodes if one.should_trigger])
@@ -139,7 +140,7 @@ def score_part(dataset: Dataset, probability: FloatArray) -> dict[str, Any]:
     return {
         "tracks": len(ends),
         "auc": {"value": auc(values, human), "low": low, "high": high},
-        "expected_calibration_error": expected_calibration_error(bins),
+        "expected_calibration_error": calibrated["expected_calibration_error"],
         "alarm": score_at_threshold(day, answers, float(best.iloc[int(MISSED * len(best))])),
     }
 

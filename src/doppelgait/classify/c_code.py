@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait import __version__
-from doppelgait.classify.learned import TrackNetwork
+from doppelgait.classify.learned import LAYERS, Learned
 from doppelgait.classify.model import TOLERANCE, Model, describe_outside_conditions
 from doppelgait.classify.scorer import LONGEST_S, MOST_LOG, SCALE
 from doppelgait.core.errors import ConfigError
@@ -31,7 +31,7 @@ GAINS = {"ALPHA": 0.4, "BETA": 0.3, "NOISE_SHARE": 0.2, "SPIKE": 30.0}
 """Gains of range, velocity and noise, and power of a spike over the mean of a processing interval; assumed."""
 MOST_SPIKES = 20  # pulses in succession, after which the level has changed
 CONFIRM, MOST_LOST, LEAST_FOUND = 5, 10, 0.6  # columns to begin, columns without an echo, share of a window with one
-SURE_SD = 8.0  # standard deviations above the mean of the noise at which an echo is found in one column
+SURE_SD = 8.0  # standard deviations above the mean of the noise at which a column has an echo
 TOLERANCE_OF_GOLDEN = 1e-3
 LARGEST = 127
 HOPS_PER_COLUMN = 4  # transforms whose power is one column of a picture
@@ -96,19 +96,21 @@ def plan_device(model: Model, settings: CSettings) -> Device:
     return Device(radar, transform.window, hop, n_doppler, n_columns, settings.still_time_s)
 
 
-def drop_features(network: TrackNetwork) -> TrackNetwork:
+def drop_features(network: Learned) -> Learned:
     """Return a network that answers as if no feature were known."""
-    return replace(network, feature_weight=np.zeros_like(network.feature_weight))
+    own = network.arrays
+    return replace(network, arrays={**own, "feature_weight": np.zeros_like(own["feature_weight"])})
 
 
-def round_kernels(network: TrackNetwork) -> TrackNetwork:
+def round_kernels(network: Learned) -> Learned:
     """Round the kernels to 8-bit integers, with a scale of every channel."""
-    kernels, scales = [], []
-    for kernel, scale in zip(network.kernels, network.scales, strict=True):
-        step = np.maximum(np.abs(kernel).max(axis=(1, 2, 3)), 1e-12) / LARGEST
-        kernels.append(np.round(kernel / step[:, None, None, None]).astype(np.float32))
-        scales.append((scale * step).astype(np.float32))
-    return replace(network, kernels=tuple(kernels), scales=tuple(scales))
+    own = dict(network.arrays)
+    for name in [name for name in own if name.startswith("kernel.")]:
+        scale = name.replace("kernel", "scale")
+        step = np.maximum(np.abs(own[name]).max(axis=(1, 2, 3)), 1e-12) / LARGEST
+        own[name] = np.round(own[name] / step[:, None, None, None]).astype(np.float32)
+        own[scale] = (own[scale] * step).astype(np.float32)
+    return replace(network, arrays=own)
 
 
 class Sources:
@@ -116,12 +118,14 @@ class Sources:
 
     def __init__(self, model: Model, device: Device, *, integers: bool) -> None:
         facts, own = model.facts, model.learned
-        if not isinstance(own, TrackNetwork) or not own.kernels or None in (facts.alarm, facts.alarm_threshold):
+        alarm = (facts.alarm, facts.alarm_threshold)
+        if own.kind != "track" or "kernel.0" not in own.arrays or None in alarm:
             words = "no network of tracks with pictures and an alarm; train one with torch"
             raise ConfigError(f"--form c: {facts.name} is {words}")
         self.model, self.device, self.integers = model, device, integers
         network = drop_features(own)
-        self.network = round_kernels(network) if integers else network
+        self.network = (round_kernels(network) if integers else network).arrays
+        self.n_layers = sum(name.startswith("kernel.") for name in self.network)
         self.flash_bytes = 0
         self._tables: list[str] = []
         self.tables = self._make_tables()
@@ -142,7 +146,8 @@ class Sources:
         from scipy.stats import gamma
 
         facts, device, network = self.model.facts, self.device, self.network
-        sizes = [N_COLUMNS * N_CELLS // 4**n * bias.size for n, bias in enumerate(self.network.biases, 1)]
+        biases = [network[f"bias.{n}"] for n in range(self.n_layers)]
+        sizes = [N_COLUMNS * N_CELLS // 4**n * bias.size for n, bias in enumerate(biases, 1)]
         bin_m, most_mps = device.radar.bin_spacing_m, facts.conditions.get("speed_mps", (0.0, math.inf))[1]
         body = max(1, round(BODY_M / bin_m))
         cells = (2 * body + 1) * device.n_doppler * HOPS_PER_COLUMN
@@ -175,11 +180,11 @@ class Sources:
             "TIMES": N_COLUMNS,
             "VELOCITIES": N_CELLS,
             "SLICES": N_SLICES,
-            "LAYERS": len(network.kernels),
-            "CHANNELS": network.biases[-1].size,
-            "EMBEDDING": network.embed_bias.size,
-            "MEMORY": network.gate_bias.size,
-            "HIDDEN": network.hidden_bias.size,
+            "LAYERS": self.n_layers,
+            "CHANNELS": biases[-1].size,
+            "EMBEDDING": network["embed_bias"].size,
+            "MEMORY": network["gate_bias"].size,
+            "HIDDEN": network["hidden_bias"].size,
             "EVEN_VALUES": max(N_COLUMNS * N_CELLS * N_SLICES, *sizes[1::2]),
             "ODD_VALUES": max(sizes[0::2]),
             "BODY_BINS": body,
@@ -226,20 +231,21 @@ class Sources:
         device, network, rows = self.device, self.network, []
         named = ", ".join(f'"{name}"' for name in self.model.facts.classes)
         self._tables.append(f"const char *const dg_class_names[DG_CLASSES] = {{{named}}};")
-        layers = zip(network.kernels, network.scales, network.biases, strict=True)
-        for number, (kernel, *rest) in enumerate(layers):
+        for number in range(self.n_layers):
+            kernel, *rest = (network[f"{name}.{number}"] for name in LAYERS)
             names = [self._add_array(f"kernel{number}", "dg_weight", kernel.transpose(0, 2, 3, 1))]
             scaled = zip(("scale", "bias"), rest, strict=True)
             names += [self._add_array(f"{name}{number}", "float", each) for name, each in scaled]
             rows.append(f"    {{{', '.join([*names, str(kernel.shape[1]), str(kernel.shape[0])])}}}")
         self._tables.append("static const dg_layer layers[DG_LAYERS] = {\n" + ",\n".join(rows) + "\n};")
         # the features' part of the embedding is the same for every window
-        n_pooled = network.embed_weight.shape[1] - network.feature_bias.size
-        unknown = network.embed_weight[:, n_pooled:] @ np.maximum(network.feature_bias, 0.0)
-        embed = {"embed_weight": network.embed_weight[:, :n_pooled], "embed_bias": network.embed_bias + unknown}
+        weight, bias = network["embed_weight"], network["feature_bias"]
+        n_pooled = weight.shape[1] - bias.size
+        unknown = weight[:, n_pooled:] @ np.maximum(bias, 0.0)
+        tables = {"embed_weight": weight[:, :n_pooled], "embed_bias": network["embed_bias"] + unknown}
         own = [f"{name}_{kind}" for name in ("gate", "value", "hidden") for kind in ("weight", "bias")]
-        tables = {**embed, **{name: getattr(network, name) for name in [*own, "forgetting_hz"]}}
-        tables |= {"last_weight": network.weight, "last_bias": network.bias}
+        tables |= {name: network[name] for name in [*own, "forgetting_hz"]}
+        tables |= {"last_weight": network["weight"], "last_bias": network["bias"]}
         tables |= {"calibration_shift": self.model.calibration.shift, "taper": device.taper}
         for name, values in tables.items():
             self._add_array(name, "float", values)

@@ -13,7 +13,7 @@ import pandas as pd
 import xarray as xr
 
 from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, convert_features
-from doppelgait.classify.learned import Ensemble, Inputs, Network, Seen, TrackNetwork, join_inputs
+from doppelgait.classify.learned import Inputs, Seen, join_inputs
 from doppelgait.classify.model import (
     Model,
     collect_conditions,
@@ -31,7 +31,7 @@ from doppelgait.dataset.example import find_feature_columns
 from doppelgait.pipeline import Result, analyze, read_results
 from doppelgait.pipeline.result_files import is_result_file
 from doppelgait.processing import Analysis
-from doppelgait.processing.patches import Levels, levels_of
+from doppelgait.processing.patches import Levels, Patch, levels_of
 from doppelgait.radar import Recording, read_recording
 
 
@@ -115,13 +115,11 @@ class TargetInputs:
 
     def collect_inputs(self, model: Model, number: int) -> Inputs:
         """Return the inputs of a model, one row."""
-        network, names = model.learned, model.facts.names
-        if isinstance(network, Ensemble):
-            network = next((member for member in network.members if isinstance(member, Network)), network)
-        pictures = np.empty(1, dtype=object)
-        if isinstance(network, Network):
-            pictures[0] = levels_of(self.signature, network.patch)
-        elif isinstance(network, TrackNetwork):
+        names, pictures = model.facts.names, np.empty(1, dtype=object)
+        parts = {part.kind: part for part in (model.learned, *model.learned.members)}
+        if network := parts.get("network"):
+            pictures[0] = levels_of(self.signature, network.patch or Patch())
+        elif "track" in parts:
             pictures[0] = Seen(self.pictures, 0, 0.0)
         if not names:
             return pictures
@@ -138,7 +136,7 @@ class TargetInputs:
                 "true and the standard method"
             )
         values = np.column_stack([features[name] for name in names])
-        return join_inputs(values, pictures) if isinstance(network, Network | TrackNetwork) else values
+        return join_inputs(values, pictures) if parts.keys() & {"network", "track"} else values
 
 
 @explain_memory
@@ -226,7 +224,7 @@ def decide(seen: TargetInputs, model: Model, number: int) -> Decision:
     probability = model.probability(values)[0]
     best = int(probability.argmax())
     elsewhere = describe_outside_conditions(seen.conditions, facts.conditions)
-    if isinstance(model.learned, TrackNetwork) and seen.pictures is None:
+    if model.learned.kind == "track" and seen.pictures is None:
         elsewhere = ["no pictures of a track: this model needs a recording and gates that are tracks"]
     flag = find_blocking_flag(seen.flags, model.blocking)
     reasons = [*([] if flag is None else [f"flag {flag}"]), *elsewhere, *outside]

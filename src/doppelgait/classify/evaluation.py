@@ -28,7 +28,6 @@ from doppelgait.classify.learned import (
     LabelledRows,
     Learned,
     Seen,
-    TrackNetwork,
     join_inputs,
     select_features,
 )
@@ -94,7 +93,7 @@ def use_own_splits(rows: Rows, options: Options) -> tuple[list[Fold], list[str]]
     _check_all_classes(rows, train, f"{first}: the split train")
     if not held.size:
         train, held = next(hold_back(rows, train, options.seed))
-        notes.append(f"no validation split: {held.size} rows of train were held back for calibration")
+        notes.append(f"There is no validation split: {held.size} rows of train were held back for calibration.")
     if len(rows.datasets) == 1:
         test, words = select_split(rows, "test"), f"{first}: has no rows in the split test"
         if not test.size:
@@ -114,7 +113,8 @@ def use_own_splits(rows: Rows, options: Options) -> tuple[list[Fold], list[str]]
         known |= scenes.isin(scenes[known].dropna()).to_numpy(dtype=bool)
     if known.any():
         notes.append(
-            f"{int(known.sum())} of {other.size} rows of the test dataset left out: targets of the training data"
+            f"{int(known.sum())} of {other.size} rows of the test dataset were left out, because their targets are in "
+            "the training data."
         )
     if known.all():
         raise DatasetError(f"{rows.datasets[1].directory}: all of its targets are in the training data, no row is left")
@@ -145,14 +145,13 @@ def split_into_folds(rows: Rows, options: Options) -> tuple[list[Fold], list[str
     for name, test in tests.items():
         learn = np.flatnonzero(~np.isin(rows.groups, rows.groups[test]))
         if column is not None and np.unique(rows.labels[learn]).size < len(rows.classes):
-            notes.append(
-                f"{column} {name.removeprefix('without ')}: not left out, a class has nothing else to learn from"
-            )
+            value = name.removeprefix("without ")
+            notes.append(f"{column} {value} was not left out, because a class has nothing else to learn from.")
             continue
         folds.append(Fold(name, *next(hold_back(rows, learn, options.seed)), test))
         _check_all_classes(rows, folds[-1].train, name)
     if not folds:
-        raise ConfigError(f"--leave-out {column}: {'; '.join(notes)}")
+        raise ConfigError(f"--leave-out {column}: {' '.join(notes)}")
     return folds, notes
 
 
@@ -168,7 +167,7 @@ def hold_back(rows: Rows, learn: IntArray, seed: int) -> Iterator[tuple[IntArray
     if all((part.description.get("config") or {}).get("episodes") for part in rows.datasets):
         # a home has kinds of episode that no plan has: the confidence in those is what counts
         kinds = rows.index["scene_id"].iloc[learn].str.rpartition("-")[0].to_numpy(dtype=str)
-        crossed = len({*zip(groups, kinds, strict=True)}) > len({*groups})  # subjects in several kinds
+        crossed = len({*zip(groups, kinds, strict=True)}) > len({*groups})  # in several kinds
         groups = groups if crossed or _count_fewest_groups(labels, kinds) < HELD_FOLDS else kinds
     if _count_fewest_groups(labels, groups) < HELD_FOLDS:
         yield learn, np.empty(0, dtype=np.int64)
@@ -216,7 +215,7 @@ def run_model(
         if fold.test.size:
             parts.append(scores.answer_rows(model, take_rows(rows, fold.test), table.values[fold.test]))
             # those of an ensemble are shown; for a network of tracks it would take hours
-            shuffled = name not in BASELINES and not members and not isinstance(model.learned, TrackNetwork)
+            shuffled = name not in BASELINES and not members and model.learned.kind != "track"
             importance.append(_rank_features(rows, table, model, fold, seed) if shuffled else {})
         own = _compute_losses(model, table.values[fold.held], rows.labels[fold.held])
         losses.append(float(own.mean()) if own.size else np.inf)
@@ -270,7 +269,7 @@ def describe_model(
     """Calibrate what was trained on a fold, by its or other answers to the held rows."""
     kind, n_classes = training.find_kind(name), len(rows.classes)
     train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
-    of_tracks = isinstance(learned, TrackNetwork)
+    of_tracks = learned.kind == "track"
     answers = learned.log_probability(held.values) if answers is None else answers
     groups = rows.groups[fold.held]
     if of_tracks:  # the windows that are evidence in a stream
@@ -345,7 +344,7 @@ def make_document(
     """Collect all models' scores for JSON, None for unknown."""
     answers, models = {name: run.answers for name, run in runs.items()}, {}
     tested = {name: int((next(iter(answers.values())).labels == n).sum()) for n, name in enumerate(rows.classes)}
-    said = [*notes, *(f"no target of class {name} is tested" for name, count in tested.items() if not count)]
+    said = [*notes, *(f"No target of class {name} is tested." for name, count in tested.items() if not count)]
     for name, run in runs.items():
         kind = training.find_kind(name)
         models[name] = {
@@ -439,7 +438,7 @@ def evaluate(
     keep : bool
         After a cross-validation train each model once more, on all rows.
     day : PlanConfig or path, optional
-        Score the alarm of the kept model over a day (:func:`doppelgait.classify.alarm.score_alarm`).
+        Score the kept model's alarm over a day (:func:`doppelgait.classify.alarm.score_alarm`).
     on_progress : callable, optional
         Called with (models trained, models to train).
     **options
@@ -472,7 +471,7 @@ def evaluate(
     tables, skipped = _load_tables(rows, chosen)
     trained = [name for name in tables if name not in BASELINES]
     if not trained:
-        raise DatasetError(f"{rows.datasets[0].directory}: no model can be trained: {'; '.join(skipped)}")
+        raise DatasetError(f"{rows.datasets[0].directory}: no model can be trained: {' '.join(skipped)}")
     whole, seed = folds, chosen.seed
     if keep and (chosen.n_folds or chosen.left_out):
         sides = next(hold_back(rows, np.arange(len(rows)), seed))
@@ -497,7 +496,7 @@ def evaluate(
     document = make_document(rows, folds, runs, notes, seed=seed)
     document |= {"kept": best, "outside_conditions": outside}
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
-    part = folds[0].test
+    part, said = folds[0].test, dict[str, list[str]]()
     for name in trained if chosen.own is not None or unknown is not None else ():
         entry, tested, remarks = document["models"][name], tables[name].values[part], list[str]()
         if chosen.own is not None:
@@ -505,7 +504,9 @@ def evaluate(
             kept[name], entry["adaptation"], remarks = adapted
         if unknown is not None:
             entry["unknown"] = scores.open_set_scores(kept[name], tested, unknown)
-        document["notes"] += [f"{name}: {remark}" for remark in remarks]
+        for remark in remarks:
+            said.setdefault(remark, []).append(name)
+    document["notes"] += [f"{', '.join(names)}: {remark}" for remark, names in said.items()]
     if day is not None and best is not None and best in kept:
         document["alarm_day"] = {"model": best, **score_alarm(kept[best], day=day)}
     return Evaluation(document, tabulate_answers(runs), best, kept)
@@ -542,19 +543,20 @@ def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], out
     """List what too few held-out rows, a missing class or other conditions prevent."""
     notes = []
     if bare := [name for name, run in runs.items() if not run.is_calibrated]:
-        notes.append(f"{', '.join(bare)}: not calibrated, because a class has fewer than {LEAST_ROWS} held-out rows")
+        models = ", ".join(bare)
+        notes.append(f"{models} are not calibrated, because a class has fewer than {LEAST_ROWS} held-out rows.")
     if rows.alarm not in rows.classes:
-        notes.append(f"no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class")
+        notes.append(f"There is no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class.")
     fewest = min(fold.held.size for fold in folds)
     if fewest < LEAST_FAR:
         notes.append(
-            f"{fewest} held-out rows: no model can reject targets by their distance from the training data; this needs "
-            f"{LEAST_FAR}"
+            f"With {fewest} held-out rows no model can reject targets by their distance from the training data; this "
+            f"needs {LEAST_FAR}."
         )
     return notes + [
-        f"{name}: {part['n']} of {part['of']} tested rows have {format_span(*part['tested'])}, outside the "
+        f"{part['n']} of {part['of']} tested rows have a {name} of {format_span(*part['tested'])}, outside the "
         f"accepted range, {format_span(*accepted_range(name, *part['learnt']))} (training range "
-        f"{format_span(*part['learnt'])}): no decision there; other scores count them"
+        f"{format_span(*part['learnt'])}). No model decides on them, but the other scores count them."
         for name, part in outside.items()
     ]
 
@@ -599,5 +601,5 @@ def _load_tables(rows: Rows, options: Options) -> tuple[dict[str, Table], list[s
         except DatasetError as error:
             if name in (options.models or ()):
                 raise
-            skipped.append(f"{name} left out: {error}")
+            skipped.append(f"{name} was left out: {error}.")
     return tables, [*dict.fromkeys(table.note for table in tables.values() if table.note), *skipped]

@@ -12,7 +12,7 @@ import numpy as np
 from doppelgait import __version__
 from doppelgait.classify import scorer
 from doppelgait.classify.c_code import TEXTS, CSettings, Sources, plan_device
-from doppelgait.classify.learned import EMPTY, Seen, TrackNetwork, join_inputs
+from doppelgait.classify.learned import EMPTY, Seen, embed_windows, join_inputs
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import save_model
 from doppelgait.core.errors import ConfigError
@@ -62,7 +62,7 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
     out, found = Path(folder), dict[str, Any]()
     if form not in FORMS:
         raise ConfigError(f"--form: form {form!r} is not known; allowed are {', '.join(FORMS)}")
-    if form == "onnx" and isinstance(model.learned, TrackNetwork):
+    if form == "onnx" and model.learned.kind == "track":
         raise ConfigError(
             f"--form onnx: {model.facts.name} follows tracks; use --form c or numpy, or export a model of windows"
         )
@@ -106,8 +106,8 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
         seen = np.empty(1, dtype=object)
         seen[0] = Seen(picture[None], 0, 0.0)
         values = join_inputs(np.full((1, len(model.facts.names)), np.nan), seen)
-        embedding = sources.network.embed(values)[0]
-        memory, answer = sources.network.remember(memory, embedding, max(since_s, 0.0))
+        embedding = embed_windows(sources.network, values)[0]
+        memory, answer = scorer.remember(sources.network, memory, embedding, max(since_s, 0.0))
         probability = model.calibration(answer[None]).astype(np.float32)
         words += [np.float32(since_s), picture.transpose(1, 2, 0).astype(np.float32), probability]
     files = {

@@ -7,13 +7,14 @@ later loaded with other library versions.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify import scorer
+from doppelgait.classify.scorer import Arrays
 from doppelgait.processing.patches import Levels, Patch
 
 FloatArray = npt.NDArray[np.float64]
@@ -39,76 +40,61 @@ class LabelledRows(NamedTuple):
     labels: IntArray
 
 
-@dataclass(frozen=True, eq=False)
-class Constant:
-    """Constant probabilities."""
+COLUMNS = {"median": "f", "told": "t", "mean": "k", "scale": "k"}
+"""Arrays of the standardisation of features to columns: the median (of the logarithm above a floor), and the features
+with a further column that marks them as unknown."""
+LAYERS = {"kernel": "oi33", "scale": "o", "bias": "o"}  # of every layer of pictures: kernel.0, ...
+ARRAYS: dict[str, dict[str, str]] = {
+    "constant": {"log_share": "c"},
+    "linear": {**COLUMNS, "weight": "ck", "bias": "c", "floor": "f"},
+    "trees": {
+        **dict.fromkeys(("feature", "threshold", "value", "unknown_left", "left", "right"), "n"),
+        "root": "ru",
+        "start": "u",
+    },
+    "network": {"weight": "ci", "bias": "c"},
+    "track": {
+        **{**COLUMNS, "floor": "f", "feature_weight": "vk", "feature_bias": "v"},
+        **{"embed_weight": "ep", "embed_bias": "e", "gate_weight": "mq", "gate_bias": "m"},
+        **{"value_weight": "mq", "value_bias": "m", "forgetting_hz": "m"},
+        **{"hidden_weight": "ys", "hidden_bias": "y", "weight": "cy", "bias": "c"},
+    },
+    "ensemble": {"weights": "m", "slopes": "m", "shifts": "mc"},
+}
+"""Arrays of every kind of model, as in files, with their shapes, a letter for each size. c: classes, u: scores (one for
+two classes), f: features, k: their columns, i and o: channels; the others are sizes of a model."""
+NOVELTY = {**COLUMNS, "floor": "f", "centre": "gk", "whitening": "kk", "held": "h"}
+INTEGERS = {"told", "feature", "unknown_left", "left", "right", "root"}
 
-    log_share: FloatArray
+
+def list_arrays(kind: str, arrays: Arrays) -> dict[str, str]:
+    """List the arrays of a kind of model, with as many layers as there are, and their shapes."""
+    count = sum(name.startswith("kernel.") for name in arrays) if kind in ("network", "track") else 0
+    return ARRAYS[kind] | {f"{name}.{n}": letters for name, letters in LAYERS.items() for n in range(count)}
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A trained model: its kind and its arrays."""
+
+    kind: str
+    arrays: Arrays
+    patch: Patch | None = None  # of the pictures of a network
+    members: tuple[Learned, ...] = ()  # of an ensemble, a weighted mean of calibrated log-odds
 
     def log_probability(self, values: Inputs) -> FloatArray:
         """Return log-probabilities, shape (n, n_classes)."""
-        return np.tile(self.log_share, (len(values), 1))
-
-
-@dataclass(frozen=True, eq=False)
-class Columns:
-    """Standardisation of features (n, d) to columns (n, d + m)."""
-
-    median: FloatArray  # (d,), of the logarithm where there is a floor
-    told: IntArray  # (m,), features with a further column that marks them as unknown
-    mean: FloatArray  # (d + m,)
-    scale: FloatArray
-
-    def standardise(self, values: Inputs) -> FloatArray:
-        """Return the columns of features."""
-        return scorer.standardise(vars(self), values)
-
-
-@dataclass(frozen=True, eq=False)
-class Linear(Columns):
-    """Logistic regression on standardised features."""
-
-    weight: FloatArray  # (n_classes, d + m)
-    bias: FloatArray
-    floor: FloatArray = field(default_factory=lambda: np.zeros(0))
-
-    def log_probability(self, values: Inputs) -> FloatArray:
-        """Return log-probabilities, shape (n, n_classes)."""
-        return scorer.linear(vars(self), values)
-
-
-@dataclass(frozen=True, eq=False)
-class Trees:
-    """Boosted decision trees, all nodes in one list."""
-
-    feature: IntArray
-    threshold: FloatArray
-    value: FloatArray
-    unknown_left: IntArray
-    left: IntArray
-    right: IntArray
-    root: IntArray
-    start: FloatArray
-
-    def log_probability(self, values: Inputs) -> FloatArray:
-        """Return log-probabilities, shape (n, n_classes)."""
-        return scorer.trees(vars(self), values)
-
-
-@dataclass(frozen=True, eq=False)
-class Network:
-    """Convolutional network over the pictures that cover a signature."""
-
-    kernels: tuple[Levels, ...]
-    scales: tuple[Levels, ...]
-    biases: tuple[Levels, ...]
-    weight: Levels
-    bias: Levels
-    patch: Patch
-
-    def log_probability(self, values: Inputs) -> FloatArray:
-        """Return log-probabilities, shape (n, n_classes)."""
-        return scorer.network(list_arrays(self), vars(self.patch), values.tolist())
+        match self.kind:
+            case "constant":
+                return np.tile(self.arrays["log_share"], (len(values), 1))
+            case "network":
+                return scorer.network(self.arrays, vars(self.patch), values.tolist())
+            case "track":
+                return follow_windows(self.arrays, values)
+            case "ensemble":
+                answers = [member.log_probability(select_inputs(member, values)) for member in self.members]
+                return scorer.join(self.arrays, answers)
+        return (scorer.linear if self.kind == "linear" else scorer.trees)(self.arrays, values)
 
 
 class Seen(NamedTuple):
@@ -136,81 +122,35 @@ def find_windows_before(seen: Sequence[Seen]) -> tuple[IntArray, IntArray]:
 EMPTY: scorer.Memory = (0.0, 0.0, 0)
 
 
-@dataclass(frozen=True, eq=False)
-class TrackNetwork(Columns):
-    """Network over the windows of a track, with a learned sum as its memory."""
+def follow_windows(network: Arrays, values: Inputs) -> FloatArray:
+    """Return a network's log-probabilities (n, n_classes) after each window."""
+    n_classes = network["bias"].size
+    found = np.full((len(values), n_classes), -np.log(n_classes))
+    seen: list[Seen] = values[:, -1].tolist()
+    whole = np.flatnonzero([each.pictures is not None for each in seen])
+    seen = [seen[number] for number in whole]
+    embedding, memories = embed_windows(network, values[whole]), {-1: EMPTY}
+    order, before_each = find_windows_before(seen)
+    for number, before in zip(order.tolist(), before_each[order].tolist(), strict=True):
+        since_s = seen[number].stop_s - seen[before].stop_s if before >= 0 else 0.0
+        answer = scorer.remember(network, memories[before], embedding[number], since_s)
+        memories[number], found[whole[number]] = answer
+    return found
 
-    floor: FloatArray
-    kernels: tuple[Levels, ...]
-    scales: tuple[Levels, ...]
-    biases: tuple[Levels, ...]
-    feature_weight: Levels
-    feature_bias: Levels
-    embed_weight: Levels
-    embed_bias: Levels
-    gate_weight: Levels
-    gate_bias: Levels
-    value_weight: Levels
-    value_bias: Levels
-    forgetting_hz: Levels
-    hidden_weight: Levels
-    hidden_bias: Levels
-    weight: Levels
-    bias: Levels
 
-    def log_probability(self, values: Inputs) -> FloatArray:
-        """Return log-probabilities (n, n_classes) after each window."""
-        found = np.full((len(values), self.bias.size), -np.log(self.bias.size))
-        seen: list[Seen] = values[:, -1].tolist()
-        whole = np.flatnonzero([each.pictures is not None for each in seen])
-        seen = [seen[number] for number in whole]
-        embedding, memories = self.embed(values[whole]), {-1: EMPTY}
-        order, before_each = find_windows_before(seen)
-        for number, before in zip(order.tolist(), before_each[order].tolist(), strict=True):
-            since_s = seen[number].stop_s - seen[before].stop_s if before >= 0 else 0.0
-            memories[number], found[whole[number]] = self.remember(memories[before], embedding[number], since_s)
-        return found
-
-    def embed(self, values: Inputs) -> FloatArray:
-        """Return the embeddings (n, e) of rows with pictures."""
-        parts = [np.zeros((0, self.embed_bias.size))]
-        for first in range(0, len(values), PICTURES_AT_A_TIME):
-            rows = values[first : first + PICTURES_AT_A_TIME]
-            pictures = [to_levels(each.pictures) for each in rows[:, -1]]
-            parts.append(scorer.embed(list_arrays(self), select_features(rows), pictures))
-        return np.concatenate(parts)
-
-    def remember(
-        self, memory: scorer.Memory, embedding: FloatArray, since_s: float
-    ) -> tuple[scorer.Memory, FloatArray]:
-        """Add a window to the memory of a track."""
-        return scorer.remember(list_arrays(self), memory, embedding, since_s)
+def embed_windows(network: Arrays, values: Inputs) -> FloatArray:
+    """Return the embeddings (n, e) of rows with pictures."""
+    parts = [np.zeros((0, network["embed_bias"].size))]
+    for first in range(0, len(values), PICTURES_AT_A_TIME):
+        rows = values[first : first + PICTURES_AT_A_TIME]
+        pictures = [to_levels(each.pictures) for each in rows[:, -1]]
+        parts.append(scorer.embed(network, select_features(rows), pictures))
+    return np.concatenate(parts)
 
 
 def to_levels(pictures: npt.NDArray[Any]) -> Levels:
     """Convert stored pictures to levels, 0 to 1."""
     return pictures.astype(np.float32) / (255.0 if pictures.dtype == np.uint8 else 1.0)
-
-
-def list_arrays(learned: Learned) -> dict[str, Any]:
-    """Return what a model holds by name, the arrays of its layers singly."""
-    each = {name: enumerate(getattr(learned, key, ())) for name, key in LAYERS.items()}
-    return vars(learned) | {f"{name}.{n}": values for name, arrays in each.items() for n, values in arrays}
-
-
-@dataclass(frozen=True, eq=False)
-class Ensemble:
-    """Weighted mean of models' calibrated log-odds."""
-
-    members: tuple[Learned, ...]
-    weights: FloatArray
-    slopes: FloatArray
-    shifts: FloatArray
-
-    def log_probability(self, values: Inputs) -> FloatArray:
-        """Return log-probabilities, shape (n, n_classes)."""
-        answers = [member.log_probability(select_inputs(member, values)) for member in self.members]
-        return scorer.join(vars(self), answers)
 
 
 def join_inputs(features: Inputs, pictures: Inputs) -> Inputs:
@@ -227,28 +167,24 @@ def select_features(values: Inputs) -> Inputs:
 
 def select_inputs(learned: Learned, values: Inputs) -> Inputs:
     """Return what a member of an ensemble uses of rows."""
-    return values[:, -1] if isinstance(learned, Network) else select_features(values)
+    return values[:, -1] if learned.kind == "network" else select_features(values)
 
 
 @dataclass(frozen=True, eq=False)
-class Novelty(Columns):
+class Novelty:
     """Mahalanobis distance from the nearest class mean (Lee et al. 2018), and its ranks."""
 
-    floor: FloatArray
-    centre: FloatArray
-    whitening: FloatArray
-    held: FloatArray
+    arrays: Arrays
 
     def distance(self, values: Inputs) -> FloatArray:
         """Return every row's distance from the nearest class."""
-        columns = self.standardise(select_features(values)) @ self.whitening
-        apart = columns[:, None, :] - self.centre @ self.whitening
+        whitening = self.arrays["whitening"]
+        columns = scorer.standardise(self.arrays, select_features(values)) @ whitening
+        apart = columns[:, None, :] - self.arrays["centre"] @ whitening
         return np.asarray(np.sqrt((apart**2).sum(axis=2).min(axis=1)))
 
     def rank(self, values: Inputs) -> FloatArray:
         """Return the share of held-out rows at least as far."""
-        farther = self.held.size - np.searchsorted(self.held, self.distance(values), side="left")
-        return np.asarray((farther + 1.0) / (self.held.size + 1.0))
-
-
-Learned = Constant | Linear | Trees | Network | TrackNetwork | Ensemble
+        held = self.arrays["held"]
+        farther = held.size - np.searchsorted(held, self.distance(values), side="left")
+        return np.asarray((farther + 1.0) / (held.size + 1.0))

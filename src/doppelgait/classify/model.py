@@ -22,7 +22,6 @@ from doppelgait.classify.learned import (
     IntArray,
     Learned,
     Novelty,
-    TrackNetwork,
     select_features,
 )
 from doppelgait.classify.scorer import log_softmax
@@ -227,7 +226,7 @@ class Facts(FrozenModel):
     version: str
     n_train: int = Field(ge=0)
     n_held: int = Field(ge=0)
-    n_own: int = Field(default=0, ge=0)  # rows of own recordings that the probabilities were adapted to
+    n_own: int = Field(default=0, ge=0)  # own rows that the probabilities were adapted to
     seed: int
     analysis: dict[str, Any]  # parameters of the analysis that made the features
     conditions: dict[str, tuple[float, float]]
@@ -311,7 +310,7 @@ class Model:
     @property
     def blocking(self) -> tuple[str, ...]:
         """Patterns of the flags that prevent a decision."""
-        return self.facts.blocking if isinstance(self.learned, TrackNetwork) else (*self.facts.blocking, *BLOCKING)
+        return self.facts.blocking if self.learned.kind == "track" else (*self.facts.blocking, *BLOCKING)
 
     def mark_outside(self, values: Inputs) -> npt.NDArray[np.bool_]:
         """Mark features outside the training range, shape (n, d)."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -19,19 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.data import BANDWIDTH, ENVELOPE_WIDTH, SPEED, VELOCITY, WIDTH
-from doppelgait.classify.learned import (
-    LAYERS,
-    Columns,
-    Constant,
-    Ensemble,
-    Learned,
-    Linear,
-    Network,
-    Novelty,
-    TrackNetwork,
-    Trees,
-    list_arrays,
-)
+from doppelgait.classify.learned import ARRAYS, INTEGERS, LAYERS, NOVELTY, Learned, Novelty, list_arrays
 from doppelgait.classify.model import TOLERANCE, Calibration, Facts, Model, mark_outside
 from doppelgait.classify.scorer import select_part
 from doppelgait.core.config import validate
@@ -40,7 +28,7 @@ from doppelgait.core.errors import ConfigError, DatasetError, list_choices
 from doppelgait.core.files import FileKind, hash_file, open_atomically
 from doppelgait.core.npz import load_npz
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.processing.patches import N_SLICES, Levels, Patch
+from doppelgait.processing.patches import N_SLICES, Patch
 from doppelgait.radar import Radar
 
 FOLDER = Path(str(resources.files("doppelgait.classify") / "models"))
@@ -54,26 +42,8 @@ MOST_MEMBERS, MOST_LAYERS = 64, 5
 SHOWN = 300  # maximum number of characters of a reason in an error
 LARGEST = 1e30  # maximum absolute value of the numbers of a model, except thresholds of trees
 LARGEST_SCORE = 1e37  # maximum absolute value of the numbers of a network, in single precision
-KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "trees": Trees, "network": Network}
-KINDS |= {"track": TrackNetwork}
 FEATURES = {SPEED, WIDTH, ENVELOPE_WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
 """Features of an analysis, in addition to the registered extended features."""
-INTEGERS = {"told", "feature", "unknown_left", "left", "right", "root"}
-_COLUMNS = {"told": "t", "median": "f", "mean": "k", "scale": "k"}
-SHAPES: dict[type[Any], dict[str, str]] = {
-    Constant: {"log_share": "c"},
-    Linear: {**_COLUMNS, "weight": "ck", "bias": "c"},
-    Trees: {**dict.fromkeys(("feature", "threshold", "value", "unknown_left", "left", "right"), "n"), "root": "ru"}
-    | {"start": "u"},
-    Network: {"weight": "ci", "bias": "c"},
-    TrackNetwork: {**_COLUMNS, "feature_weight": "vk", "feature_bias": "v", "embed_weight": "ep", "embed_bias": "e"}
-    | {"gate_weight": "mq", "gate_bias": "m", "value_weight": "mq", "value_bias": "m", "forgetting_hz": "m"}
-    | {"hidden_weight": "ys", "hidden_bias": "y", "weight": "cy", "bias": "c"},
-    Ensemble: {"shifts": "mc", "weights": "m", "slopes": "m"},
-    Novelty: {**_COLUMNS, "centre": "gk", "whitening": "kk", "held": "h"},
-}
-"""Shapes of arrays. c: classes, u: scores (one for two classes), f: features, k: their columns, i: channels."""
-
 Arrays = dict[str, npt.NDArray[Any]]
 
 
@@ -118,7 +88,7 @@ def _pack_model(model: Model) -> tuple[dict[str, Any], Arrays]:
     arrays["calibration.shift"] = model.calibration.shift
     arrays |= {name: getattr(model, name) for name in SPANS}
     if model.novelty is not None:
-        arrays |= {f"novelty.{name}": values for name, values in vars(model.novelty).items()}
+        arrays |= {f"novelty.{name}": values for name, values in model.novelty.arrays.items()}
     if model.track is not None:
         facts["track"], own = _pack_model(model.track)
         arrays |= {TRACK + name: values for name, values in own.items()}
@@ -129,53 +99,45 @@ def _unpack_model(document: Mapping[str, Any], arrays: Arrays, path: str | Path)
     facts = validate(Facts, document["facts"], where=str(path))
     own = {name: values for name, values in arrays.items() if not name.startswith(TRACK)}
     slope, shift = float(own["calibration.slope"][0]), own["calibration.shift"]
-    novelty = Novelty(**far) if (far := select_part(own, "novelty.")) else None  # older models have none
+    far = select_part(own, "novelty.")  # older models have none
+    novelty = Novelty({name: far[name] for name in NOVELTY}) if far else None
     calibration = Calibration(slope, shift, int(document["calibration_rows"]))
     model = Model(facts, _unpack(document, own), calibration, own["lowest"], own["highest"], own["unknown"], novelty)
     _check_model(model)
     if "track" not in document:
         return model
     track = _unpack_model(document["track"], select_part(arrays, TRACK), path)
-    if not isinstance(track.learned, TrackNetwork) or track.track or track.facts.alarm != facts.alarm:
+    if track.learned.kind != "track" or track.track or track.facts.alarm != facts.alarm:
         raise ValueError("its model of tracks is none, or has another alarm")
     return replace(model, track=track)
 
 
 def _pack(learned: Learned) -> tuple[dict[str, Any], Arrays]:
     """Return the form of a trained model and its arrays."""
-    if isinstance(learned, Ensemble):
-        arrays: Arrays = {"weights": learned.weights, "slopes": learned.slopes, "shifts": learned.shifts}
-        forms = []
-        for number, member in enumerate(learned.members):
-            form, own = _pack(member)
-            forms.append(form)
-            arrays |= {f"member.{number}.{name}": values for name, values in own.items()}
-        return {"learned": "ensemble", "patch": None, "members": forms}, arrays
-    arrays = {name: values for name, values in list_arrays(learned).items() if isinstance(values, np.ndarray)}
-    patch = learned.patch.model_dump(mode="json") if isinstance(learned, Network) else None
-    return {"learned": next(name for name, kind in KINDS.items() if isinstance(learned, kind)), "patch": patch}, arrays
+    patch = None if learned.patch is None else learned.patch.model_dump(mode="json")
+    form: dict[str, Any] = {"learned": learned.kind, "patch": patch}
+    arrays = {name: learned.arrays[name] for name in list_arrays(learned.kind, learned.arrays)}
+    if learned.kind == "ensemble":
+        parts = [_pack(member) for member in learned.members]
+        form["members"] = [own for own, _ in parts]
+        arrays |= {f"member.{n}.{name}": values for n, (_, own) in enumerate(parts) for name, values in own.items()}
+    return form, arrays
 
 
 def _unpack(form: Mapping[str, Any], arrays: Arrays) -> Learned:
-    if form["learned"] == "ensemble":
+    kind, patch, members = form["learned"], None, list[Learned]()
+    if kind == "kernel":
+        raise ConfigError("it has support vector machines, which this version has no longer; train it again")
+    if kind == "linear":
+        arrays = {"floor": np.zeros(0), **arrays}
+    if kind == "network":
+        patch = validate(Patch, form["patch"], where="patch")
+    if kind == "ensemble":
         forms = form["members"][:MOST_MEMBERS]
         if any(own["learned"] == "ensemble" for own in forms):
             raise ValueError("its members are ensembles")
         members = [_unpack(own, select_part(arrays, f"member.{number}.")) for number, own in enumerate(forms)]
-        return Ensemble(tuple(members), arrays["weights"], arrays["slopes"], arrays["shifts"])
-    if form["learned"] == "kernel":
-        raise ConfigError("it has support vector machines, which this version has no longer; train it again")
-    kind, values = KINDS[form["learned"]], dict[str, Any](arrays)
-    if kind is Linear:
-        values.setdefault("floor", np.zeros(0))
-    if kind in (Network, TrackNetwork):
-        count = sum(name.startswith("kernel.") for name in arrays)
-        for name, layers in LAYERS.items():
-            values[layers] = tuple(arrays[f"{name}.{n}"] for n in range(count))
-    if kind is Network:
-        values["patch"] = validate(Patch, form["patch"], where="patch")
-    learned: Learned = kind(**{field.name: values[field.name] for field in fields(kind)})
-    return learned
+    return Learned(kind, {name: arrays[name] for name in list_arrays(kind, arrays)}, patch, tuple(members))
 
 
 def load_model(path: str | Path) -> Model:
@@ -223,8 +185,8 @@ def _check_model(model: Model) -> None:
 
     facts, calibration = model.facts, model.calibration
     sizes = {"c": len(facts.classes), "f": len(facts.names)}
-    _check_shapes({"calibration.shift": calibration.shift}, {"calibration.shift": "c"}, sizes)
-    _check_shapes(vars(model), dict.fromkeys(("lowest", "highest", "unknown"), "f"), sizes)
+    shapes = {"calibration.shift": "c", **dict.fromkeys(SPANS, "f")}
+    _check_shapes({**vars(model), "calibration.shift": calibration.shift}, shapes, sizes)
     if not (0 < calibration.slope < LARGEST and (np.abs(calibration.shift) < LARGEST).all()):
         raise ValueError("its calibration is no number above 0, or too large")
     if len({*facts.classes}) < sizes["c"] or len({*facts.names}) < sizes["f"] or (model.lowest > model.highest).any():
@@ -242,8 +204,9 @@ def _check_model(model: Model) -> None:
             "gait_frequency_hz and the registered extended features"
         )
     if model.novelty is not None:
-        _check_learned(model.novelty, sizes)
-        if not len(model.novelty.centre) or (np.diff(model.novelty.held) < 0).any():
+        own = model.novelty.arrays
+        _check_shapes(own, NOVELTY, _check_numbers(own, sizes))
+        if not len(own["centre"]) or (np.diff(own["held"]) < 0).any():
             raise ValueError("novelty has no class, or ranks that fall")
     _check_learned(model.learned, sizes)
 
@@ -252,74 +215,71 @@ def _check_shapes(arrays: Mapping[str, Any], shapes: Mapping[str, str], sizes: d
     """Check shapes, a letter for each size; a letter not in ``sizes`` stands for the size where it is first used."""
     for name, letters in shapes.items():
         found = arrays[name].shape
+        if name == "floor" and found == (0,):  # no feature has a logarithm
+            continue
         expected = tuple(sizes.setdefault(*pair) for pair in zip(letters, (*found, 0, 0), strict=False))
         if found != expected:
             raise ValueError(f"{name} has the shape {found}, expected is {expected}")
 
 
-def _check_learned(learned: Any, sizes: Mapping[str, int]) -> None:
-    """Check the numbers of a trained model and their shapes."""
-    for name, values in list_arrays(learned).items():
-        if isinstance(values, np.ndarray):  # a threshold of a tree may be infinite
-            good = ~np.isnan(values) if name == "threshold" else np.abs(values.astype(np.float64)) < LARGEST
-            if not good.all():
-                raise ValueError(f"{name} holds NaN, infinity or more than {LARGEST:g}")
-    own = {**sizes, "u": 1 if sizes["c"] == 2 else sizes["c"]}
-    if isinstance(learned, Columns):
-        own["k"] = own["f"] + learned.told.size
-        _check_columns(learned, own["f"])
-    match learned:
-        case TrackNetwork():
-            channels, m = _check_layers(learned, N_SLICES, learned.embed_weight), len(learned.gate_bias)
-            if not (learned.forgetting_hz >= 0).all() or len(learned.kernels) > MOST_LAYERS:
-                raise ValueError(f"forgets at rates below 0, or has more than {MOST_LAYERS} layers")
-            own |= {"v": len(learned.feature_bias), "p": 2 * channels + len(learned.feature_bias)}
-            own |= {"q": len(learned.embed_bias) + 2, "m": m, "s": 3 * m}
-        case Ensemble():
-            own["m"] = len(learned.members)
-            if not 0 < own["m"] <= MOST_MEMBERS:
-                raise ValueError(f"has {own['m']} members, allowed are 1 to {MOST_MEMBERS}")
-            for name in ("weights", "slopes"):
-                if not (getattr(learned, name) > 0).all():
-                    raise ValueError(f"{name} holds numbers that are not above 0")
-            for member in learned.members:
-                _check_learned(member, sizes)
-        case Network():
-            own["i"] = _check_layers(learned, 1, learned.weight)
-            if min(learned.patch.n_velocity, learned.patch.n_time) % 2 ** len(learned.kernels):
-                raise ValueError("its pictures cannot be halved as often as it has layers")
-    _check_shapes(vars(learned), SHAPES[type(learned)], own)
-    if isinstance(learned, Trees):
-        _check_trees(learned, own["f"])
-
-
-def _check_columns(learned: Any, n_features: int) -> None:
-    if learned.floor.size:
-        _check_shapes(vars(learned), {"floor": "f"}, {"f": n_features})
-    if not (learned.scale > 1.0 / LARGEST).all():
+def _check_numbers(own: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, int]:
+    """Check the numbers of a model and its columns; return the sizes with those of columns and scores."""
+    for name, values in own.items():  # a threshold of a tree may be infinite
+        good = ~np.isnan(values) if name == "threshold" else np.abs(values.astype(np.float64)) < LARGEST
+        if not good.all():
+            raise ValueError(f"{name} holds NaN, infinity or more than {LARGEST:g}")
+    n_features, columns = sizes["f"], own.get("told", np.zeros(0))
+    found = {**sizes, "u": 1 if sizes["c"] == 2 else sizes["c"], "k": n_features + columns.size}
+    if "scale" in own and not (own["scale"] > 1.0 / LARGEST).all():
         raise ValueError("scale holds numbers that are not above 0")
-    if learned.told.size and not (learned.told.min() >= 0 and learned.told.max() < n_features):
+    if columns.size and not (columns.min() >= 0 and columns.max() < n_features):
         raise ValueError("told names features that are not there")
+    return found
 
 
-def _check_trees(learned: Trees, n_features: int) -> None:
-    count, inner, roots = learned.feature.size, learned.feature >= 0, learned.root
-    for child in (learned.left[inner], learned.right[inner]):
-        if (child <= np.flatnonzero(inner)).any() or (child >= count).any():
-            raise ValueError("its trees have nodes that lead nowhere or back")
-    if count == 0 or learned.feature.max() >= n_features or roots.min() < 0 or roots.max() >= count:
-        raise ValueError("its trees use features or nodes that do not exist")
+def _check_learned(learned: Learned, sizes: Mapping[str, int]) -> None:
+    """Check the numbers of a trained model and their shapes."""
+    kind, own, found = learned.kind, learned.arrays, _check_numbers(learned.arrays, sizes)
+    if kind == "track":
+        channels, v, m = (
+            _check_layers(own, N_SLICES, own["embed_weight"]),
+            len(own["feature_bias"]),
+            len(own["gate_bias"]),
+        )
+        if not (own["forgetting_hz"] >= 0).all() or f"kernel.{MOST_LAYERS}" in own:
+            raise ValueError(f"forgets at rates below 0, or has more than {MOST_LAYERS} layers")
+        found |= {"v": v, "p": 2 * channels + v, "q": len(own["embed_bias"]) + 2, "m": m, "s": 3 * m}
+    if kind == "ensemble":
+        found["m"] = len(learned.members)
+        if not 0 < found["m"] <= MOST_MEMBERS:
+            raise ValueError(f"has {found['m']} members, allowed are 1 to {MOST_MEMBERS}")
+        for name in ("weights", "slopes"):
+            if not (own[name] > 0).all():
+                raise ValueError(f"{name} holds numbers that are not above 0")
+        for member in learned.members:
+            _check_learned(member, sizes)
+    if kind == "network" and learned.patch is not None:
+        found["i"] = _check_layers(own, 1, own["weight"])
+        if min(learned.patch.n_velocity, learned.patch.n_time) % 2 ** sum(name.startswith("kernel.") for name in own):
+            raise ValueError("its pictures cannot be halved as often as it has layers")
+    _check_shapes(own, ARRAYS[kind], found)
+    if kind == "trees":
+        count, inner, roots = own["feature"].size, own["feature"] >= 0, own["root"]
+        for child in (own["left"][inner], own["right"][inner]):
+            if (child <= np.flatnonzero(inner)).any() or (child >= count).any():
+                raise ValueError("its trees have nodes that lead nowhere or back")
+        if count == 0 or own["feature"].max() >= found["f"] or roots.min() < 0 or roots.max() >= count:
+            raise ValueError("its trees use features or nodes that do not exist")
 
 
-def _check_layers(learned: Network | TrackNetwork, n_in: int, weight: Levels) -> int:
+def _check_layers(own: Mapping[str, Any], n_in: int, weight: npt.NDArray[Any]) -> int:
     """Check convolutional layers and the size of their values; return the number of channels."""
     highest = 1.0  # of levels, 0 to 1, and of every layer
-    for number, layer in enumerate(zip(learned.kernels, learned.scales, learned.biases, strict=True)):
-        sizes = {"i": n_in, "3": 3}
-        shapes = {f"kernel.{number}": "oi33", f"scale.{number}": "o", f"bias.{number}": "o"}
-        _check_shapes(dict(zip(shapes, layer, strict=True)), shapes, sizes)
+    for number in range(sum(name.startswith("kernel.") for name in own)):
+        sizes, shapes = {"i": n_in, "3": 3}, {f"{name}.{number}": letters for name, letters in LAYERS.items()}
+        _check_shapes(own, shapes, sizes)
         n_in = sizes["o"]
-        kernel, scale, bias = (np.abs(values.astype(np.float64)) for values in layer)
+        kernel, scale, bias = (np.abs(own[name].astype(np.float64)) for name in shapes)
         highest = float(highest * np.max(kernel.sum(axis=(1, 2, 3)) * np.maximum(scale, 1.0), initial=1.0))
         highest += float(bias.max(initial=0.0))
     if not highest * np.abs(weight.astype(np.float64)).sum() < LARGEST_SCORE:

@@ -16,13 +16,11 @@ from pydantic import Field
 
 from doppelgait.classify import scorer
 from doppelgait.classify.learned import (
-    LAYERS,
     FloatArray,
     Inputs,
     IntArray,
     LabelledRows,
-    Network,
-    TrackNetwork,
+    Learned,
     find_windows_before,
     select_features,
     to_levels,
@@ -39,7 +37,7 @@ CHANNELS = (8, 16, 32, 64)
 NORM_EPSILON = 1e-5
 AT_A_TIME = 256
 TRACK_CHANNELS, N_FEATURES, N_EMBEDDING, N_MEMORY = (24, 32, 48, 64), 64, 48, 16
-LOG_HZ = (-5.0, -1.5)  # logarithms of the rates of forgetting before training: 1 / 148 s to 1 / 4.5 s
+LOG_HZ = (-5.0, -1.5)  # logarithms of the initial rates of forgetting: 1 / 148 s to 1 / 4.5 s
 FORGETTING_HZ = 0.02  # rate of forgetting of a sum of log-odds
 BATCH_TRACKS, MOST_WINDOWS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 12, 16, 3e-3, 1e-2, 0.2
 WINDOW_SHARE, MOST_WEIGHT, MOST_GRADIENT = 0.3, 5.0, 2.0
@@ -84,7 +82,7 @@ def train_network(
     seed: int,
     spec: Patch | None = None,
     settings: Training | None = None,
-) -> Network:
+) -> Learned:
     """Train a network on signatures; held rows decide when to stop."""
     try:
         import torch
@@ -129,11 +127,11 @@ def train_network(
     return _read_model(best, spec)
 
 
-def _read_model(state: Mapping[str, Any], spec: Patch) -> Network:
+def _read_model(state: Mapping[str, Any], spec: Patch) -> Learned:
     # the network as plain arrays
     last = f"{4 * len(CHANNELS) + 3}"
     weight, bias = (state[f"{last}.{name}"].cpu().contiguous().numpy() for name in ("weight", "bias"))
-    return Network(**_read_layers(state, len(CHANNELS)), weight=weight, bias=bias, patch=spec)
+    return Learned("network", {"weight": weight, "bias": bias, **_read_layers(state, len(CHANNELS))}, spec)
 
 
 def _build_layers(nn: Any, channels: Sequence[int]) -> list[Any]:
@@ -208,15 +206,15 @@ def _compute_held_loss(torch: Any, model: Any, device: Any, held: LabelledRows, 
     return total / held.labels.size
 
 
-def _read_layers(state: Mapping[str, Any], n_layers: int) -> dict[str, tuple[Levels, ...]]:
+def _read_layers(state: Mapping[str, Any], n_layers: int) -> dict[str, Levels]:
     """Return kernels, scales and biases of layers, with batch normalisation as scale and bias."""
-    arrays, layers = {name: values.cpu().contiguous().numpy() for name, values in state.items()}, []
+    arrays, layers = {name: values.cpu().contiguous().numpy() for name, values in state.items()}, dict[str, Levels]()
     for number in range(n_layers):
         norm = f"{4 * number + 2}"
         scale = arrays[f"{norm}.weight"] / np.sqrt(arrays[f"{norm}.running_var"] + NORM_EPSILON)
-        bias = arrays[f"{norm}.bias"] - arrays[f"{norm}.running_mean"] * scale
-        layers.append((arrays[f"{4 * number}.weight"], scale, bias))
-    return dict(zip(LAYERS.values(), zip(*layers, strict=True), strict=True))
+        layers[f"kernel.{number}"], layers[f"scale.{number}"] = arrays[f"{4 * number}.weight"], scale
+        layers[f"bias.{number}"] = arrays[f"{norm}.bias"] - arrays[f"{norm}.running_mean"] * scale
+    return layers
 
 
 # Networks of tracks --------------------------------------------------------------------------------------------------
@@ -225,7 +223,7 @@ def _read_layers(state: Mapping[str, Any], n_layers: int) -> dict[str, tuple[Lev
 @plugin("classifier", "track-network", features="track", learner="track")
 def train_track_network(
     train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int, epochs: int = 12
-) -> TrackNetwork:
+) -> Learned:
     """Train a network on windows of tracks; without torch the log-odds of features are summed."""
     from doppelgait.classify.training import standardise_columns
 
@@ -238,13 +236,13 @@ def train_track_network(
     columns: Levels = np.clip(whole, -scorer.FARTHEST_SD, scorer.FARTHEST_SD).astype(np.float32)
     if not is_torch_installed():
         warn_caller(f"{NO_TORCH.replace('signature', 'track')}. Without it the model is smaller: it uses no pictures")
-        return TrackNetwork(**own, **_sum_log_odds(columns, train.labels, n_classes))
+        return Learned("track", own | _sum_log_odds(columns, train.labels, n_classes))
     import torch
 
     with _make_deterministic(torch, seed):
         model = _build_track_model(torch, columns.shape[1], n_classes)
         _train_tracks(torch, model, columns, train, np.random.default_rng(seed), epochs)
-    return TrackNetwork(**own, **_read_track_model(model.eval()))
+    return Learned("track", own | _read_track_model(model.eval()))
 
 
 def _build_track_model(torch: Any, n_columns: int, n_classes: int) -> Any:
@@ -374,7 +372,6 @@ def _sum_log_odds(columns: Levels, labels: IntArray, n_classes: int) -> dict[str
     both, n = np.hstack([np.eye(n_classes), -np.eye(n_classes)]), n_classes  # positive and negative parts of scores
     nothing = np.zeros((n, 2 * n + 2))
     return {
-        **dict.fromkeys(LAYERS.values(), ()),
         **{"feature_weight": both.T @ weight, "feature_bias": both.T @ bias},
         **{"embed_weight": np.hstack([np.zeros((2 * n, 2 * N_SLICES)), np.eye(2 * n)]), "embed_bias": np.zeros(2 * n)},
         **{"gate_weight": nothing, "gate_bias": np.zeros(n)},

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from doppelgait import __version__
-from doppelgait.classify.learned import Constant, Ensemble, Learned, Linear, Network, TrackNetwork, Trees
+from doppelgait.classify.learned import LAYERS, Learned
 from doppelgait.classify.model import Model
+from doppelgait.classify.scorer import Arrays
 from doppelgait.core.errors import ConfigError
+from doppelgait.processing.patches import Patch
 
 NO_ONNX = "onnx is not installed, which the form onnx needs: pip install 'doppelgait[export]'"
 OPSET, TREES_OPSET, IR_VERSION = 18, 3, 9
@@ -62,24 +64,26 @@ class _Graph:
 
     def add_member(self, learned: Learned) -> str:
         """Add a trained model; return its log-probabilities in double precision."""
-        match learned:
-            case Constant():
-                return self.add_shares(learned)
-            case Linear():
-                return self.add_linear(learned)
-            case Trees():
-                return self.add_trees(learned)
-            case Network():
+        own = learned.arrays
+        match learned.kind:
+            case "constant":
+                count = self.add("Slice", self.add("Shape", self.add_features()), [0], [1])
+                shares = own["log_share"]
+                return self.add("Expand", shares, self.add("Concat", count, [shares.size], axis=0))
+            case "linear":
+                return self.add_linear(own)
+            case "trees":
+                return self.add_trees(own)
+            case "network":
                 return self.add_network(learned)
-            case Ensemble():
-                parts = zip(learned.members, learned.weights, learned.slopes, learned.shifts, strict=True)
+            case "ensemble":
+                parts = zip(learned.members, own["weights"], own["slopes"], own["shifts"], strict=True)
                 answers = [
                     self.add("Mul", self.add_calibration(self.add_member(member), slope, shift), weight)
                     for member, weight, slope, shift in parts
                 ]
                 return self.add("LogSoftmax", self.add("Sum", *answers), axis=1)
-            case TrackNetwork():
-                raise ConfigError("an ONNX graph has no memory of tracks")
+        raise ConfigError("an ONNX graph has no memory of tracks")
 
     def add_calibration(self, log_probability: str, slope: float, shift: Any) -> str:
         return self.add("LogSoftmax", self.add("Add", self.add("Mul", log_probability, slope), shift), axis=1)
@@ -90,25 +94,21 @@ class _Graph:
         self.inputs[FEATURES] = ["n", len(self.model.facts.names)]
         return FEATURES
 
-    def add_shares(self, learned: Constant) -> str:
-        count = self.add("Slice", self.add("Shape", self.add_features()), [0], [1])
-        return self.add("Expand", learned.log_share, self.add("Concat", count, [learned.log_share.size], axis=0))
-
-    def add_linear(self, learned: Linear) -> str:
+    def add_linear(self, own: Arrays) -> str:
         double = self.onnx.TensorProto.DOUBLE
         filled = values = self.doubles = self.doubles or self.add("Cast", self.add_features(), to=double)
         unknown = self.add("IsNaN", values)
-        if learned.floor.size:
-            has = learned.floor > 0
-            log = self.add("Log", self.add("Max", values, np.where(has, learned.floor, 1.0)))
+        if own["floor"].size:
+            has = own["floor"] > 0
+            log = self.add("Log", self.add("Max", values, np.where(has, own["floor"], 1.0)))
             filled = self.add("Where", has, log, values)
-        columns = self.add("Where", unknown, learned.median, filled)
-        if learned.told.size:
-            told = self.add("Gather", unknown, learned.told, axis=1)
+        columns = self.add("Where", unknown, own["median"], filled)
+        if own["told"].size:
+            told = self.add("Gather", unknown, own["told"], axis=1)
             columns = self.add("Concat", columns, self.add("Cast", told, to=double), axis=1)
-        columns = self.add("Div", self.add("Sub", columns, learned.mean), learned.scale)
-        product = self.add("MatMul", columns, learned.weight.T)
-        return self.add_log_softmax(self.add("Add", product, learned.bias), len(learned.bias))
+        columns = self.add("Div", self.add("Sub", columns, own["mean"]), own["scale"])
+        product = self.add("MatMul", columns, own["weight"].T)
+        return self.add_log_softmax(self.add("Add", product, own["bias"]), len(own["bias"]))
 
     def add_log_softmax(self, scores: str, n_scores: int) -> str:
         """Normalise scores; one score means two classes."""
@@ -116,20 +116,20 @@ class _Graph:
             scores = self.add("Concat", self.add("Mul", scores, 0.0), scores, axis=1)
         return self.add("LogSoftmax", scores, axis=1)
 
-    def add_trees(self, learned: Trees) -> str:
+    def add_trees(self, own: Arrays) -> str:
         """Add boosted trees, each reached from its root."""
         modes, rows, thresholds = [], [], []
         leaves: dict[str, list[Any]] = {"treeids": [], "nodeids": [], "ids": [], "weights": []}
-        for tree, root in enumerate(learned.root.ravel().tolist()):
-            order = list_nodes(learned, root)
+        for tree, root in enumerate(own["root"].ravel().tolist()):
+            order = list_nodes(own, root)
             place = {node: number for number, node in enumerate(order)}
-            thresholds += learned.threshold[order].tolist()
+            thresholds += own["threshold"][order].tolist()
             for node in order:
-                modes.append("BRANCH_LEQ" if learned.feature[node] >= 0 else "LEAF")
-                left, right = (place.get(child[node], 0) for child in (learned.left, learned.right))
-                rows.append((tree, place[node], max(learned.feature[node], 0), left, right, learned.unknown_left[node]))
-                if learned.feature[node] < 0:
-                    leaf = (tree, place[node], tree % learned.root.shape[1], learned.value[node])
+                modes.append("BRANCH_LEQ" if own["feature"][node] >= 0 else "LEAF")
+                left, right = (place.get(child[node], 0) for child in (own["left"], own["right"]))
+                rows.append((tree, place[node], max(own["feature"][node], 0), left, right, own["unknown_left"][node]))
+                if own["feature"][node] < 0:
+                    leaf = (tree, place[node], tree % own["root"].shape[1], own["value"][node])
                     for key, value in zip(leaves, leaf, strict=True):
                         leaves[key].append(value)
         integers = np.array(rows, dtype=np.int64).T.tolist()
@@ -141,34 +141,35 @@ class _Graph:
             self.add_features(),
             domain="ai.onnx.ml",
             aggregate_function="SUM",
-            n_targets=learned.root.shape[1],
+            n_targets=own["root"].shape[1],
             nodes_modes=modes,
             post_transform="NONE",
-            base_values=learned.start.astype(np.float32).tolist(),
+            base_values=own["start"].astype(np.float32).tolist(),
             nodes_values=round_threshold(thresholds).tolist(),
             **attributes,
         )
         scores = self.add("Cast", scores, to=self.onnx.TensorProto.DOUBLE)
-        return self.add_log_softmax(scores, learned.root.shape[1])
+        return self.add_log_softmax(scores, own["root"].shape[1])
 
-    def add_network(self, learned: Network) -> str:
+    def add_network(self, learned: Learned) -> str:
         """Add a network, averaged over pictures and mirror images."""
-        spec = learned.patch
+        own, spec = learned.arrays, learned.patch or Patch()
         self.inputs[PICTURES] = ["n", "m", spec.n_velocity, spec.n_time]
         flat = self.add("Reshape", PICTURES, [-1, 1, spec.n_velocity, spec.n_time])
         layer = self.add("Concat", flat, self.add("Slice", flat, [-1], [-(2**62)], [2], [-1]), axis=0)
-        for kernel, scale, bias in zip(learned.kernels, learned.scales, learned.biases, strict=True):
+        for n in range(sum(name.startswith("kernel.") for name in own)):
+            kernel, scale, bias = (own[f"{name}.{n}"] for name in LAYERS)
             layer = self.add("Conv", layer, kernel, single=True, kernel_shape=[3, 3], pads=[1, 1, 1, 1])
             layer = self.add("MaxPool", layer, kernel_shape=[2, 2], strides=[2, 2])
             layer = self.add("Mul", layer, scale[:, None, None], single=True)
             layer = self.add("Relu", self.add("Add", layer, bias[:, None, None], single=True))
         mean = self.add("Reshape", self.add("GlobalAveragePool", layer), [0, -1])
-        product = self.add("MatMul", mean, learned.weight.T, single=True)
-        scores = self.add("Add", product, learned.bias, single=True)
+        product = self.add("MatMul", mean, own["weight"].T, single=True)
+        scores = self.add("Add", product, own["bias"], single=True)
         answers = self.add("LogSoftmax", self.add("Cast", scores, to=self.onnx.TensorProto.DOUBLE), axis=1)
         # (2, n, m, classes): the mean over mirror images and pictures
         leading = self.add("Slice", self.add("Shape", PICTURES), [0], [2])
-        split = self.add("Reshape", answers, self.add("Concat", [2], leading, [learned.bias.size], axis=0))
+        split = self.add("Reshape", answers, self.add("Concat", [2], leading, [own["bias"].size], axis=0))
         found = self.add("ReduceMean", split, [0, 2], keepdims=0)
         total = self.add("ReduceSum", PICTURES, [1, 2, 3], keepdims=0)
         unknown = self.add("Unsqueeze", self.add("IsNaN", total), [1])
@@ -189,12 +190,12 @@ class _Graph:
         return made
 
 
-def list_nodes(learned: Trees, root: int) -> list[int]:
+def list_nodes(own: Arrays, root: int) -> list[int]:
     """Return a tree's nodes, parents first, left before right."""
     stack, order = [root], []
     while stack:
         node = stack.pop()
         order.append(node)
-        if learned.feature[node] >= 0:
-            stack += [int(learned.right[node]), int(learned.left[node])]
+        if own["feature"][node] >= 0:
+            stack += [int(own["right"][node]), int(own["left"][node])]
     return order

@@ -28,23 +28,26 @@ def name_flag(name: str) -> str:
     return FLAGS.get(name, f"--{name.replace('_', '-')}")
 
 
-def check_options(chosen: Any) -> None:
-    """Check and convert the values of options."""
-    from pydantic import TypeAdapter, ValidationError
+@dataclass(frozen=True, kw_only=True)
+class CheckedOptions:
+    """Options whose values are checked and converted."""
 
-    for name, hint in get_type_hints(type(chosen), include_extras=True).items():
-        kind, (_, *least), value = hint.__origin__, hint.__metadata__, getattr(chosen, name)
-        try:
-            strict = not {"Path", "list"} & {*re.findall(r"\w+", str(kind))}  # else "3" and True are numbers
-            object.__setattr__(chosen, name, TypeAdapter(kind).validate_python(value, strict=strict))
-        except ValidationError:
-            raise ConfigError(f"{name}: {value!r:.80} is not allowed; must be {formatannotation(kind)}") from None
-        if least and value is not None and value < least[0]:
-            raise ConfigError(f"{name_flag(name)} {value}: must be {least[0]} or more")
+    def __post_init__(self) -> None:
+        from pydantic import TypeAdapter, ValidationError
+
+        for name, hint in get_type_hints(type(self), include_extras=True).items():
+            kind, (_, *least), value = hint.__origin__, hint.__metadata__, getattr(self, name)
+            try:
+                strict = not {"Path", "list"} & {*re.findall(r"\w+", str(kind))}  # else "3" and True are numbers
+                object.__setattr__(self, name, TypeAdapter(kind).validate_python(value, strict=strict))
+            except ValidationError:
+                raise ConfigError(f"{name}: {value!r:.80} is not allowed; must be {formatannotation(kind)}") from None
+            if least and value is not None and value < least[0]:
+                raise ConfigError(f"{name_flag(name)} {value}: must be {least[0]} or more")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class Options(CheckedOptions):
     """Options of an evaluation; ``Any`` is a dataset or its folder."""
 
     other: Annotated[
@@ -78,7 +81,7 @@ class Options:
     seed: Annotated[int, "Seed of folds, training and confidence intervals, 0 or more.", 0] = 0
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         exclusive = ("other", "n_folds", "left_out", "own", "unknown")
         given = [name_flag(name) for name in exclusive if getattr(self, name) is not None]
         for flag in ("--adapt", "--unknown"):
@@ -89,7 +92,7 @@ class Options:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WindowOptions:
+class WindowOptions(CheckedOptions):
     """Options of decisions about a recording, its windows, or a stream."""
 
     gate: Annotated[Any, "Range gate of the targets: track, truth, or FROM:TO in m."] = "track"
@@ -102,24 +105,18 @@ class WindowOptions:
     analysis: Annotated[Any, "Of recordings; by default the analysis of the training data."] = None
     tracking: Annotated[Any, "Parameters of the gate track."] = None
 
-    def __post_init__(self) -> None:
-        check_options(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class AlarmOptions:
+class AlarmOptions(CheckedOptions):
     """Options of an alarm over simulated days."""
 
     day: Annotated[Any, "Plan of episodes, name or file; by default home-alarm-day."] = None
     repeats: Annotated[int | None, "Recordings of each kind, 1 or more; by default the plan's.", 1] = None
     directory: Annotated[Path | None, "Folder to keep the windows of the day, to go on with."] = None
 
-    def __post_init__(self) -> None:
-        check_options(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class BenchmarkOptions:
+class BenchmarkOptions(CheckedOptions):
     """Options of the benchmark."""
 
     classifier: Annotated[
@@ -127,9 +124,6 @@ class BenchmarkOptions:
         "Baseline, FILE.py:FUNCTION, or model by name or file; repeatable.",
     ] = None
     recordings: Annotated[Path | None, "Folder of motion files, for the part 'recorded'."] = None
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
 
 Annotate = Callable[[str, Any, str], Any]

@@ -69,18 +69,18 @@ def make_figures(document: Document) -> Iterator[tuple[str, str, Figure]]:
     """Yield name, caption and figure, one after the other."""
     models = document["models"]
     yield "scores", "Balanced accuracy of every model with its 95 % interval.", score_bars(document)
-    words = "Number of rows by true and by predicted class; the colour is the share of the true class."
+    words = "Rows by true and by predicted class; the colour is the share of the true class."
     yield "confusion", words, plot_confusion(document)
     for name in next(iter(models.values()))["roc"]:
         words = f"{name} against all others: share detected against share falsely detected."
         yield f"roc-{''.join(c if c.isalnum() else '-' for c in name)}", words, plot_roc(document, name)
     words = (
-        "Share of correct rows against confidence; calibrated probabilities lie on the diagonal. The larger the dot, "
-        "the more rows."
+        "Share of correct rows against confidence; calibrated probabilities lie on the diagonal. The bins of a model "
+        "have equal numbers of rows, as far as confidences differ."
     )
     yield "reliability", words, plot_reliability(document)
     if any(model.get("adaptation") for model in models.values()):
-        words = "Accuracy by own recordings (band: 80 % of the draws), and calibration before and after."
+        words = "Accuracy by own recordings (band: 80 % of draws), and calibration before and after."
         yield "adaptation", words, plot_adaptation(document)
     for name, condition in document["conditions"].items():
         words = f"Balanced accuracy by {condition['words']}, with 95 % intervals; n: rows. Hollow: recall of {ALONE}."
@@ -177,11 +177,11 @@ def _plot_reliability(axes: Axes, document: Document, curves: Mapping[str, tuple
     lowest = 1.0 / len(document["classes"])
     axes.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0, label="calibrated")
     for name, (model, look) in curves.items():
-        x, y, shares = ([entry[key] for entry in model["reliability"]] for key in ("confidence", "accuracy", "share"))
-        text = f"{name}: calibration error {model['expected_calibration_error']:.3f}"
+        x, y, counts = ([entry[key] for entry in model["reliability"]] for key in ("confidence", "accuracy", "n"))
+        rows = f"{min(counts)}" if min(counts) == max(counts) else f"{min(counts)} to {max(counts)}"
+        text = f"{name}: {rows} rows a bin, calibration error {model['expected_calibration_error']:.3f}"
         text += f", Brier score {model['brier']:.3f}" if "brier" in model else ""
-        axes.plot(x, y, lw=1.4, label=text, **look)
-        axes.scatter(x, y, s=[20.0 + 200.0 * share for share in shares], color=look["color"], alpha=0.7)
+        axes.plot(x, y, lw=1.4, marker="o", ms=5, label=text, **look)
     _finish(axes, "Calibration", "confidence", "share of correct rows", **legend)
 
 
@@ -354,6 +354,15 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
             for entry in models[best]
         ]
         parts += [f"<h2>{escape(best)} by {escape(column)}</h2>", format_table(shares)]
+    bins = [
+        {
+            "confidence": format_number(entry["confidence"]),
+            "share right": format_number(entry["accuracy"]),
+            "rows": str(entry["n"]),
+        }
+        for entry in document["models"][best]["reliability"]
+    ]
+    parts += [f"<h2>{escape(best)}: calibration</h2>", format_table(bins)]
     parts += ["<h2>Training and test data</h2>", format_table(folds)]
     for role, facts in used.items():
         plan = f"<pre>{escape(json.dumps(facts['config'], indent=1))}</pre>"

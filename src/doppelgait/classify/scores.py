@@ -24,7 +24,8 @@ Bools = npt.NDArray[np.bool_]
 LEVEL = 0.95
 REPLICATES = 2000
 FEW_GROUPS = 20  # number of targets in a class below which the interval is exact
-CALIBRATION_BINS = 15
+CALIBRATION_BINS = 15  # of the calibration error
+MAX_DOTS, MIN_IN_BIN = 10, 10  # bins of the calibration diagram, and rows in each
 DETECTED_SHARE = 0.95
 FALSE_SHARE, LEAST_DETECTED = 0.002, 0.8  # of tracks: share of recordings without a person, and least of people
 MOST_POINTS = 200  # maximum number of stored points of a ROC curve
@@ -122,10 +123,11 @@ def bootstrap_auc(scores: FloatArray, positive: Bools, groups: Groups, *, seed: 
     return float(low), float(high)
 
 
-def bin_reliability(confidence: FloatArray, right: Bools, weights: FloatArray, lowest: float) -> list[dict[str, float]]:
+def bin_reliability(
+    confidence: FloatArray, right: Bools, weights: FloatArray, edges: FloatArray
+) -> list[dict[str, float]]:
     """Return confidence and accuracy in bins of confidence."""
-    edges = np.linspace(lowest, 1.0, CALIBRATION_BINS + 1)
-    place = np.clip(np.searchsorted(edges, confidence, side="right") - 1, 0, CALIBRATION_BINS - 1)
+    place = np.clip(np.searchsorted(edges, confidence, side="right") - 1, 0, max(edges.size - 2, 0))
     averaged = {"confidence": confidence, "accuracy": right}
     return [
         {name: float(np.average(values[inside], weights=weights[inside])) for name, values in averaged.items()}
@@ -134,9 +136,14 @@ def bin_reliability(confidence: FloatArray, right: Bools, weights: FloatArray, l
     ]
 
 
-def expected_calibration_error(bins: list[dict[str, float]]) -> float:
-    """Return the expected calibration error over bins of :func:`bin_reliability`."""
-    return float(sum(entry["share"] * abs(entry["confidence"] - entry["accuracy"]) for entry in bins))
+def score_calibration(confidence: FloatArray, right: Bools, weights: FloatArray, lowest: float) -> dict[str, Any]:
+    """Return the calibration diagram and the expected calibration error."""
+    # equal widths, as usual, for the error; equal counts for the diagram: no dot is of few rows
+    bins = bin_reliability(confidence, right, weights, np.linspace(lowest, 1.0, CALIBRATION_BINS + 1))
+    error = sum(entry["share"] * abs(entry["confidence"] - entry["accuracy"]) for entry in bins)
+    shares = np.linspace(0.0, 1.0, min(max(right.size // MIN_IN_BIN, 1), MAX_DOTS) + 1)
+    dots = bin_reliability(confidence, right, weights, np.unique(np.quantile(confidence, shares)))
+    return {"expected_calibration_error": float(error), "reliability": dots}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -175,7 +182,6 @@ def compute_scores(answers: Answers, *, seed: int) -> dict[str, Any]:
 
     classes, n_classes, labels = answers.classes, len(answers.classes), answers.labels
     weights = row_weights(labels, n_classes)
-    bins = bin_reliability(answers.probability.max(axis=1), answers.right, weights, 1.0 / n_classes)
     recalls = {name: score_share(answers.right[:0], answers.groups[:0]) for name in classes} | score_recalls(answers)
     wrong = answers.probability - np.eye(n_classes)[labels]
     detected = classes
@@ -188,8 +194,7 @@ def compute_scores(answers: Answers, *, seed: int) -> dict[str, Any]:
         "confusion": confusion_matrix(labels, answers.guesses, labels=range(n_classes)).tolist(),
         "roc": {name: _compute_curve(answers, classes.index(name), seed) for name in detected},
         "brier": float(np.average(0.5 * (wrong**2).sum(axis=1), weights=weights)),
-        "expected_calibration_error": expected_calibration_error(bins),
-        "reliability": bins,
+        **score_calibration(answers.probability.max(axis=1), answers.right, weights, 1.0 / n_classes),
         "alarm": find_alarm_point(answers),
         "decided": {
             "share": float(answers.decided.mean()),
@@ -315,10 +320,12 @@ def score_conditions(answers: Mapping[str, Answers], notes: list[str], seed: int
         column, values = find_condition_values(index, condition)
         edges = make_bin_edges(values, condition.step)
         if not column:
-            notes.append(f"accuracy against {condition.words}: none of {', '.join(condition.columns)} is known")
+            columns = ", ".join(condition.columns)
+            notes.append(f"There is no accuracy by {condition.words}, because none of {columns} is known.")
             continue
         if edges.size < 3:
-            notes.append(f"accuracy against {condition.words}: {column} is {edges[0]:g} to {edges[-1]:g} in all rows")
+            ends = f"{edges[0]:g} to {edges[-1]:g}"
+            notes.append(f"The accuracy by {condition.words} is one value, because {column} is {ends} in all rows.")
         models: dict[str, list[dict[str, Any]]] = {name: [] for name in answers if name != "chance"}
         for low, high in pairwise(edges.tolist()):
             inside = (values >= low) & (values < high)

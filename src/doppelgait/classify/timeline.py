@@ -21,10 +21,10 @@ import numpy as np
 
 from doppelgait.classify.data import SHARED, Rows, all_rows, collect_inputs, number_tracks, read_numbers
 from doppelgait.classify.decide import Decision, TargetInputs, choose_model, decide, read_training_analysis
-from doppelgait.classify.learned import EMPTY, Inputs, TrackNetwork
+from doppelgait.classify.learned import EMPTY, Inputs, embed_windows
 from doppelgait.classify.model import Model, blocked_rows
 from doppelgait.classify.options import WindowOptions, takes_options
-from doppelgait.classify.scorer import Memory
+from doppelgait.classify.scorer import Memory, remember
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import FloatArray
 from doppelgait.dataset.open import Dataset
@@ -125,13 +125,14 @@ class _ClassEvidence:
     alarm: bool = False
     reached: tuple[bool, bool] = (False, False)  # the last window reached the threshold; and with others in the gate
     memory: tuple[Memory, float] = (EMPTY, 0.0)
-    with_others: tuple[Memory, float] = (EMPTY, 0.0)  # also of windows since another body is in the gate
+    with_others: tuple[Memory, float] = (EMPTY, 0.0)  # also with another body in the gate
 
-    def remember(self, model: Model, network: TrackNetwork, values: Inputs, stop_s: float, shared: bool) -> FloatArray:
+    def remember(self, model: Model, values: Inputs, stop_s: float, *, shared: bool) -> FloatArray:
         """Add a window to the memory of a network; return its answer."""
         memory, before_s = self.with_others if shared else self.memory
         since_s = stop_s - before_s if memory[2] else 0.0
-        memory, log_probability = network.remember(memory, network.embed(values)[0], since_s)
+        network = model.learned.arrays
+        memory, log_probability = remember(network, memory, embed_windows(network, values)[0], since_s)
         self.with_others = (memory, stop_s)
         found: FloatArray = model.calibration(log_probability[None])[0]
         if not shared:
@@ -196,17 +197,17 @@ class Tracks:
         self, number: int, seen: TargetInputs, edges_s: tuple[float, float], target: int = 0
     ) -> tuple[Decision, _ClassEvidence, bool]:
         """Add a window to a track; decide about it alone, return the belief and whether the alarm rings."""
-        facts, network = self.model.facts, self.model.learned
+        facts, followed = self.model.facts, self.model.learned.kind == "track"
         alone, n_classes = decide(seen, self.model, target), len(facts.classes)
         belief = self._beliefs.setdefault(number, _ClassEvidence(np.full(n_classes, 1.0 / n_classes), edges_s[1]))
-        if not isinstance(network, TrackNetwork):
+        if not followed:
             belief.hand_over(edges_s[1])
-        shared = isinstance(network, TrackNetwork) and alone.reason == f"flag {SHARED}"
+        shared = followed and alone.reason == f"flag {SHARED}"
         if alone.blocked and not shared:
             return alone, belief, belief.alarm
-        if isinstance(network, TrackNetwork):
+        if followed:
             values = seen.collect_inputs(self.model, target)
-            probability = belief.remember(self.model, network, values, edges_s[1], shared)
+            probability = belief.remember(self.model, values, edges_s[1], shared=shared)
         else:
             found = np.array([alone.probabilities[name] for name in facts.classes])
             own_s = [seen.columns.get(f"quality_{name}_s") for name in ("start", "stop")]
@@ -226,7 +227,7 @@ def follow_rows(dataset: Dataset, model: Model) -> FloatArray:
     """Return probabilities (n, n_classes) after the window of each row of a dataset, NaN where it is no evidence."""
     model = model.of_tracks
     rows = all_rows(dataset, model.facts.classes)
-    values, followed = collect_inputs(rows, model.facts.features).values, isinstance(model.learned, TrackNetwork)
+    values, followed = collect_inputs(rows, model.facts.features).values, model.learned.kind == "track"
     kept = ~blocked_rows(rows, values, model, SHARED if followed else None)
     if followed:
         kept &= [each.pictures is not None for each in values[:, -1]]

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from doppelgait.classify.learned import (
-    Constant,
-    Ensemble,
     FloatArray,
     Inputs,
     LabelledRows,
     Learned,
-    Linear,
     Novelty,
-    Trees,
     select_features,
     select_inputs,
 )
@@ -92,7 +87,7 @@ def fit(kind: Kind, train: LabelledRows, held: LabelledRows, *, n_classes: int, 
 
 
 @plugin("classifier", "ensemble", features="extended")
-def train_ensemble(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Ensemble:
+def train_ensemble(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
     """Train the members and join them."""
     names = [name for name in MEMBERS if name != "signature-network" or train.values.dtype == object]
     learned = []
@@ -104,28 +99,29 @@ def train_ensemble(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
     return join(learned, held, n_classes=n_classes)
 
 
-def join(members: Sequence[Learned], held: LabelledRows, *, n_classes: int) -> Ensemble:
+def join(members: Sequence[Learned], held: LabelledRows, *, n_classes: int) -> Learned:
     """Join models to an ensemble, calibrated on held-out rows."""
     calibrations = []
     for member in members:
         values = select_inputs(member, held.values)
         answers = member.log_probability(values) if held.labels.size else np.zeros((0, n_classes))
         calibrations.append(calibrate(answers, held.labels))
-    slopes, shifts = (np.array([getattr(found, name) for found in calibrations]) for name in ("slope", "shift"))
-    return Ensemble(tuple(members), np.full(len(members), 1.0 / len(members)), slopes, shifts)
+    arrays = {f"{name}s": np.array([getattr(found, name) for found in calibrations]) for name in ("slope", "shift")}
+    arrays["weights"] = np.full(len(members), 1.0 / len(members))
+    return Learned("ensemble", arrays, members=tuple(members))
 
 
 @plugin("classifier", "chance", features="nothing", learner="majority", baseline=True)
-def train_majority(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Constant:
+def train_majority(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
     """Predict the most frequent class, the first of several."""
     shares = np.full(n_classes, 1e-9)
     shares[np.bincount(train.labels, minlength=n_classes).argmax()] = 1.0
-    return Constant(np.log(shares / shares.sum()))
+    return Learned("constant", {"log_share": np.log(shares / shares.sum())})
 
 
 @plugin("classifier", "six-logistic", features="six", learner="logistic")
 @plugin("classifier", "extended-logistic", features="extended", learner="logistic")
-def train_logistic(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Linear:
+def train_logistic(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
     """Fit a logistic regression on standardised features."""
     from sklearn.linear_model import LogisticRegression
 
@@ -135,11 +131,11 @@ def train_logistic(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
     weight, bias = model.coef_, model.intercept_
     if n_classes == 2:
         weight, bias = np.vstack([np.zeros_like(weight), weight]), np.array([0.0, bias[0]])
-    return Linear(**standard, weight=weight, bias=bias)
+    return Learned("linear", {**standard, "weight": weight, "bias": bias})
 
 
 def standardise_columns(values: Inputs) -> tuple[dict[str, Any], FloatArray]:
-    """Standardise features; return the arrays of :class:`Columns` with floors, and the columns."""
+    """Standardise features; return the arrays of standardisation with floors, and the columns."""
     from sklearn.impute import SimpleImputer
     from sklearn.preprocessing import StandardScaler
 
@@ -183,16 +179,17 @@ def train_boosting(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
     sizes = [part.size for one_round in trees for part in one_round]
     first = np.cumsum([0, *sizes[:-1]])
     left, right = (np.where(leaf, 0, child + np.repeat(first, sizes)) for child in children)
-    found = Trees(
-        feature=np.where(leaf, -1, known[np.where(leaf, 0, feature)]),
-        threshold=np.where(leaf, 0.0, threshold),
-        value=np.where(leaf, value, 0.0),
-        unknown_left=np.where(leaf, 0, unknown_left),
-        left=left,
-        right=right,
-        root=first.reshape(len(trees), len(trees[0])).astype(np.int64),
-        start=start,
-    )
+    arrays = {
+        "feature": np.where(leaf, -1, known[np.where(leaf, 0, feature)]),
+        "threshold": np.where(leaf, 0.0, threshold),
+        "value": np.where(leaf, value, 0.0),
+        "unknown_left": np.where(leaf, 0, unknown_left),
+        "left": left,
+        "right": right,
+        "root": first.reshape(len(trees), len(trees[0])).astype(np.int64),
+        "start": start,
+    }
+    found = Learned("trees", arrays)
     if not np.allclose(np.exp(found.log_probability(train.values)), expected, atol=1e-9):
         raise DatasetError(_OTHER_TREES.format(version=sklearn.__version__, reason="other probabilities"))
     return found
@@ -206,8 +203,8 @@ def learn_novelty(train: LabelledRows, held: LabelledRows) -> Novelty:
     about = columns - centre[labels]
     covariance = (1.0 - SHRINKAGE) * about.T @ about / len(about) + SHRINKAGE * np.eye(columns.shape[1])
     whitening = np.linalg.cholesky(np.linalg.inv(covariance))
-    bare = Novelty(**standard, centre=centre, whitening=whitening, held=np.zeros(0))
-    far = np.sort(bare.distance(held.values)) if held.labels.size else np.zeros(0)
+    arrays = {**standard, "centre": centre, "whitening": whitening}
+    far = np.sort(Novelty(arrays).distance(held.values)) if held.labels.size else np.zeros(0)
     if far.size > LEVELS:
         far = np.quantile(far, (np.arange(LEVELS) + 0.5) / LEVELS)
-    return replace(bare, held=far)
+    return Novelty({**arrays, "held": far})

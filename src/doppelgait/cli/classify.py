@@ -139,20 +139,19 @@ def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as
     by_track: dict[int, list[TrackDecision]] = {}
     for found in decisions:
         by_track.setdefault(found.track, []).append(found)
-    tracks: list[dict[str, Any]] = []
-    for track, ones in sorted(by_track.items()):
-        tracks.append(
-            {
-                "track": track,
-                "start_s": ones[0].start_s,
-                "stop_s": ones[-1].stop_s,
-                "decision": ones[-1].label,
-                "probability": ones[-1].probability,
-                "alarm": None if all(one.alarm is None for one in ones) else any(one.alarm for one in ones),
-                "windows": len(ones),
-                "evidence": sum(not one.window.blocked for one in ones),
-            }
-        )
+    tracks: list[dict[str, Any]] = [
+        {
+            "track": track,
+            "start_s": ones[0].start_s,
+            "stop_s": ones[-1].stop_s,
+            "decision": ones[-1].label,
+            "probability": ones[-1].probability,
+            "alarm": None if all(one.alarm is None for one in ones) else any(one.alarm for one in ones),
+            "windows": len(ones),
+            "evidence": sum(not one.window.blocked for one in ones),
+        }
+        for track, ones in sorted(by_track.items())
+    ]
     if as_json:
         windows = [found.as_dict() for found in decisions]
         print_json({**head, "tracks": tracks, "timeline": [span._asdict() for span in spans], "windows": windows})

@@ -97,18 +97,20 @@ def plan_command(
     with report_progress("checking ranges and speeds", quiet=as_json) as on_progress:
         looked_at = sample_examples(planned, FEASIBILITY_LOOKED_AT, on_progress=on_progress)
         feasibility = assess(looked_at, folder, gate=loaded.dataset.gate)
-    summary = summarise(planned, compute_dataset_id(planned.config, folder), n_checked=checked, pilot=pilot)
+    identity = compute_dataset_id(planned.config, folder)
+    on_pipe = not typer.get_text_stream("stderr").isatty()
+    with report_progress("simulating the pilot", quiet=as_json or on_pipe) as on_progress:
+        summary = summarise(planned, identity, n_checked=checked, pilot=pilot, on_progress=on_progress)
     if specs is not None:
         write_specs(planned, specs)
         print_message(f"{specs}: {summary['n_examples']} resolved examples")
     if as_json:
         print_json({**summary, "feasibility": asdict(feasibility)})
         return
-    files = [summary["files"]] if summary["files"] else []
-    print_tables([summary["counts"], summary["subjects"], *files, *feasibility.tables()])
+    print_tables([summary["counts"], summary["subjects"], summary["files"], *feasibility.tables()])
     print_text()
-    if reached := format_limit_keys(name for name, count in feasibility.affected.items() if count):
-        print_text("keys to change: " + reached.replace("; ", "\n                "))
+    if feasibility.keys:
+        print_text("keys to change: " + format_limit_keys(feasibility.keys).replace("; ", "\n                "))
     if not feasibility.judges_gate:
         print_text('gate cut off: counted by the build, since the gates are those of tracks (dataset.gate = "track")')
     if feasibility.n_examples < summary["n_examples"]:
@@ -173,8 +175,7 @@ def build(
             max_failed_share=max_failed,
             on_progress=on_progress,
         )
-    counts: list[dict[str, Any]] = []
-    limits: list[dict[str, Any]] = []
+    counts, limits = list[dict[str, Any]](), list[dict[str, Any]]()
     if report.missing == 0:
         index = open_dataset(target).index
         limits = limits_of_index(index)

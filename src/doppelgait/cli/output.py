@@ -61,7 +61,7 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
 
 def print_tables(tables: Sequence[Sequence[Mapping[str, Any]]]) -> None:
     """Print tables with an empty line between them."""
-    for number, rows in enumerate(tables):
+    for number, rows in enumerate(filter(None, tables)):
         if number:
             print_text()
         print_table(rows)

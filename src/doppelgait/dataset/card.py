@@ -11,7 +11,7 @@ import pandas as pd
 from doppelgait import __version__
 from doppelgait.core.config import read_toml
 from doppelgait.dataset.config import ImportConfig, PlanConfig, list_some
-from doppelgait.dataset.feasibility import LIMITS, format_limit_keys, limits_of_index
+from doppelgait.dataset.feasibility import LIMIT_KEYS, format_limit_keys, limits_of_index
 from doppelgait.features import FEATURE_UNITS
 
 TEXTS: dict[str, Any] = read_toml(Path(__file__).with_name("card.toml"))[0]
@@ -77,7 +77,7 @@ def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
     listed = [f"- `{leak}`: {TEXTS['leaks'].get(leak, TEXTS['leaks']['other'])}." for leak in leaks]
     gate = "windows" if plan.episodes else plan.dataset.gate
     counts, radar = limits_of_index(index), TEXTS["radar_limits"]["none"]
-    if reached := [name for name in LIMITS if any(row[name] for row in counts)]:
+    if reached := {name: keys for name, keys in LIMIT_KEYS.items() if any(row[name] for row in counts)}:
         table = format_markdown_table(pd.DataFrame(counts).sort_values("class")[["class", "rows", *reached]])
         radar = TEXTS["radar_limits"]["table"].format(keys=format_limit_keys(reached), table=table)
     license_line = "license: other\n" if len(list_licences(index)) else ""

@@ -10,7 +10,7 @@ import os
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from doppelgait.core.files import open_atomically
 from doppelgait.core.frames import SlowTime
 from doppelgait.core.labels import ScattererTable
 from doppelgait.core.units import FloatArray
-from doppelgait.dataset.config import SPLITS
+from doppelgait.dataset.config import SPLITS, Progress
 from doppelgait.dataset.motions import find_source_entry, find_subject, list_recording_paths
 from doppelgait.dataset.plan import Plan, Shard, parse_source
 from doppelgait.dataset.resolve import ExampleSpec
@@ -44,7 +44,7 @@ LIMIT_KEYS = {
     "sparse range bins": ("radar.decimation", "radar.sample_rate_hz"),
     "gate cut off": ("target.range_m", "radar.range_stop_m"),
 }
-"""Keys of a plan to change where a limit affects rows."""
+"""Keys of a plan to change where a limit affects rows, of any radar."""
 LIMITS = tuple(LIMIT_KEYS)
 """Limits of a row: four warnings of the simulation, and the flag ``gate_leaves_frame`` of the analysis."""
 GATE_FLAG = "gate_leaves_frame"
@@ -59,9 +59,18 @@ class RowLimits:
 
     id: str
     label: str
-    limits: tuple[str, ...]
+    limits: Mapping[str, list[str]]  # with the keys to change
     range_m: float
     snr_db: float
+
+
+def list_limit_keys(name: str, radar: Radar) -> list[str]:
+    """List the keys to change for a limit of a radar."""
+    # echoes of pulses fold by the pulse rate, those of sweeps by the sampling rate
+    unused = {"radar.sample_rate_hz" if name == "folding" and radar.folds_pulses else "radar.pulse_rate_hz"}
+    unused |= set() if "decimation" in radar.waveform.takes else {"radar.decimation"}
+    keys = [key for key in LIMIT_KEYS[name] if key not in unused]
+    return [key.replace("pulse_rate", "prf") if radar.pulse_rate_hz is None else key for key in keys]
 
 
 def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> list[RowLimits]:
@@ -73,7 +82,7 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
         slow_time_s = pulse_times_s(placed.observation_s, radar)
         has_jumps = any(t.motion.report.get("has_jumps") for t in placed.targets)
         step = -(-slow_time_s.size // SNR_PULSES)
-        for first in range(0, slow_time_s.size, BLOCK_PULSES):  # an episode in a room fills gigabytes
+        for first in range(0, slow_time_s.size, BLOCK_PULSES):  # an episode fills gigabytes
             times_s = slow_time_s[first : first + BLOCK_PULSES]
             table, tracks = observe_scene(placed, radar, times_s, run.conditions, angles=False, streams=run.streams)
             warn_of_limits(table, radar, has_jumps=has_jumps)
@@ -89,9 +98,8 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
         gate_m = range_m[there] + example.gate_error_m
         cut = gate == "truth" and not example.is_episode and _leaves_frame(gate_m, slow_time_s[there], radar, analysis)
         inside = (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)
-        lost = radar.waveform.ranged and not inside.any()
-        own = {"outside the frame": lost, "gate cut off": cut}
-        limits = tuple(name for name in LIMITS if name in found or own.get(name))
+        own = {"outside the frame": radar.waveform.ranged and not inside.any(), "gate cut off": cut}
+        limits = {name: list_limit_keys(name, radar) for name in LIMITS if name in found or own.get(name)}
         snr_db = math.nan
         if row.source != "none" and run.noise.kind == "snr":
             snr_db = float(run.noise.snr_db)
@@ -131,11 +139,7 @@ class Feasibility:
     n_failed: int
     limits: list[dict[str, Any]]
     snr: list[dict[str, Any]]
-
-    @property
-    def affected(self) -> dict[str, int]:
-        """Number of rows by limit, of all classes."""
-        return {name: sum(row[name] or 0 for row in self.limits) for name in LIMITS}
+    keys: dict[str, list[str]]  # to change, by limit that rows reach
 
     @property
     def judges_gate(self) -> bool:
@@ -145,7 +149,7 @@ class Feasibility:
     def tables(self) -> list[list[dict[str, Any]]]:
         """Return the tables to print: rows by limit, SNR by range."""
         always = ("aliasing", LIMITS[1], LIMITS[-1]) if self.judges_gate else ("aliasing", LIMITS[1])
-        shown = [name for name, count in self.affected.items() if count or name in always]
+        shown = [name for name in LIMITS if name in self.keys or name in always]
         limits = [{name: row[name] for name in ("class", "rows", *shown)} for row in self.limits]
         lost = any(part["rows_without_echo"] for part in self.snr)
         snr = [
@@ -157,13 +161,12 @@ class Feasibility:
             }
             for part in self.snr
         ]
-        return [table for table in (limits, snr) if table]
+        return [limits, snr]
 
 
 def assess(examples: Iterable[ExampleSpec], folder: Path, *, gate: str = "truth") -> Feasibility:
     """Count the rows of examples that reach a radar limit."""
-    rows: list[RowLimits] = []
-    done = failed = 0
+    rows, done, failed = list[RowLimits](), 0, 0
     for example in examples:
         try:
             rows += find_limits(example, folder, gate=gate)
@@ -180,20 +183,15 @@ def assess(examples: Iterable[ExampleSpec], folder: Path, *, gate: str = "truth"
     for part in parts:
         levels = [row.snr_db for row in part if math.isfinite(row.snr_db)]
         quantiles = [float(level) for level in np.quantile(levels, [0.05, 0.5, 0.95])] if levels else None
-        snr.append(
-            {
-                "range_m": [part[0].range_m, part[-1].range_m],
-                "rows": len(part),
-                "rows_without_echo": len(part) - len(levels),
-                "snr_db": quantiles,
-            }
-        )
-    return Feasibility(done, failed, limits, snr)
+        span, lost = [part[0].range_m, part[-1].range_m], len(part) - len(levels)
+        snr.append({"range_m": span, "rows": len(part), "rows_without_echo": lost, "snr_db": quantiles})
+    keys = {name: [*dict.fromkeys(key for row in rows for key in row.limits.get(name, ()))] for name in LIMITS}
+    return Feasibility(done, failed, limits, snr, {name: own for name, own in keys.items() if own})
 
 
-def format_limit_keys(reached: Iterable[str]) -> str:
+def format_limit_keys(keys: Mapping[str, Iterable[str]]) -> str:
     """Format the plan keys to change, by reached limit."""
-    return "; ".join(f"{name}: {', '.join(LIMIT_KEYS[name])}" for name in reached)
+    return "; ".join(f"{name}: {', '.join(own)}" for name, own in keys.items())
 
 
 def limits_of_index(index: pd.DataFrame) -> list[dict[str, Any]]:
@@ -215,7 +213,9 @@ def _count_limits(labels: list[str], marks: dict[str, list[bool]]) -> list[dict[
 ROW_BYTES = 5000  # an index row and its copy in the shard's record
 
 
-def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int) -> dict[str, Any]:
+def summarise(
+    plan: Plan, identity: str, *, n_checked: int, pilot: int, on_progress: Progress | None = None
+) -> dict[str, Any]:
     """Summarise a plan: examples, subjects, files and duration."""
     sections = list(enumerate(plan.config.sections))
     examples = Counter((entry.class_number, entry.split) for entry in plan.examples)
@@ -252,11 +252,11 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int) -> dict[
         "subjects": subjects,
         "files": files,
         "n_checked": n_checked,
-        "estimate": _estimate_cost(plan, min(pilot, len(plan.examples))) if pilot else {},
+        "estimate": _estimate_cost(plan, min(pilot, len(plan.examples)), on_progress) if pilot else {},
     }
 
 
-def _estimate_cost(plan: Plan, count: int) -> dict[str, Any]:
+def _estimate_cost(plan: Plan, count: int, on_progress: Progress | None) -> dict[str, Any]:
     """Build ``count`` examples for an estimate of time and size."""
     total = len(plan.examples)
     entries = tuple(plan.examples[place * total // count] for place in range(count))
@@ -265,7 +265,7 @@ def _estimate_cost(plan: Plan, count: int) -> dict[str, Any]:
         context = BuildContext(plan.config, str(plan.folder), directory)
         context.make(entries[:1])  # the first one loads the libraries
         began = time.process_time()
-        record = build_shard(Shard("pilot", entries[0].split, entries), context)
+        record = build_shard(Shard("pilot", entries[0].split, entries), context, on_progress)
         seconds = (time.process_time() - began) / count
     size, processors = record["bytes"] / count, os.cpu_count() or 1
     return {
@@ -283,5 +283,4 @@ def _estimate_cost(plan: Plan, count: int) -> dict[str, Any]:
 def write_specs(plan: Plan, path: Path) -> None:
     """Write every resolved example, one line of JSON each."""
     with open_atomically(path) as partial, partial.open("w", encoding="utf-8") as handle:
-        for number in range(len(plan.examples)):
-            handle.write(format_canonical_json(plan.example(number)) + "\n")
+        handle.writelines(format_canonical_json(plan.example(n)) + "\n" for n in range(len(plan.examples)))

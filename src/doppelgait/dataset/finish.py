@@ -201,9 +201,8 @@ def write_sums(target: Path, shards: Mapping[str, str]) -> None:
         hashes[name] = hash_file(target / name)
     open_log(target).close()  # empty if it was lost
     log_sum = ""
-    while log_sum != (
-        log_sum := format_checksums({LOG: hash_file(target / LOG)})
-    ):  # another part may write to the log meanwhile
+    # another part may write to the log meanwhile
+    while log_sum != (log_sum := format_checksums({LOG: hash_file(target / LOG)})):
         write_atomically(target / LOG_SUM, log_sum.encode())
     write_atomically(target / SUMS, format_checksums(hashes).encode())
 

@@ -24,7 +24,7 @@ from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarn
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.samples import Samples
 from doppelgait.core.worker import limit_blas_threads
-from doppelgait.dataset.config import DatasetSection, FieldSpec, PlanConfig
+from doppelgait.dataset.config import DatasetSection, FieldSpec, PlanConfig, Progress
 from doppelgait.dataset.motions import THING
 from doppelgait.dataset.plan import PlannedExample, Shard
 from doppelgait.dataset.resolve import Compiled, ExampleSpec, resolve_example
@@ -217,7 +217,7 @@ class BuildContext:
         return examples
 
 
-def build_shard(shard: Shard, maker: ExampleMaker) -> dict[str, Any]:
+def build_shard(shard: Shard, maker: ExampleMaker, on_progress: Progress | None = None) -> dict[str, Any]:
     """Build one shard file and its record, all or nothing."""
     rows: list[dict[str, Any]] = []
     failures: list[dict[str, str]] = []
@@ -230,6 +230,8 @@ def build_shard(shard: Shard, maker: ExampleMaker) -> dict[str, Any]:
             for row, stored in made:
                 rows.append({**row, "shard": shard.name, "row": len(arrays)})
                 arrays.append(stored)
+        if on_progress:
+            on_progress(min(first + size, len(shard.examples)), len(shard.examples))
     path = Path(maker.directory) / "shards" / f"{shard.name}.h5"
     with files.open_atomically(path, os_errors=True) as partial:
         write_shard(partial, shard.split, [row["id"] for row in rows], arrays, identity=maker.identity)

@@ -260,7 +260,7 @@ def test_another_dataset_to_test_on():
     other.index.loc[:9, "group"] = trained
     document = evaluate(dataset, other=other, models=["six-logistic"]).document
     assert sum(document["tested"].values()) == len(other) - 10
-    assert "10 of 240 rows of the test dataset left out" in document["notes"][0]
+    assert "10 of 240 rows of the test dataset were left out" in document["notes"][0]
 
 
 def test_the_same_motion_under_another_name_is_not_tested():
@@ -421,9 +421,10 @@ def test_a_linear_model_of_the_first_format_has_no_logarithms(found, tmp_path):
     path = save_model(found.models["six-logistic"], tmp_path / "m.npz")
     rewritten(path, lambda arrays: (arrays.pop("floor"), put_text(arrays, lambda d: d.update(format_version=1))))
     linear = load_model(path).learned
-    values = np.abs(np.random.default_rng(0).normal(size=(5, linear.median.size)))
-    columns = np.hstack([values, np.zeros((5, linear.told.size))])
-    scores = (columns - linear.mean) / linear.scale @ linear.weight.T + linear.bias
+    own = linear.arrays
+    values = np.abs(np.random.default_rng(0).normal(size=(5, own["median"].size)))
+    columns = np.hstack([values, np.zeros((5, own["told"].size))])
+    scores = (columns - own["mean"]) / own["scale"] @ own["weight"].T + own["bias"]
     expected = scores - np.logaddexp.reduce(scores, axis=1, keepdims=True)
     np.testing.assert_allclose(linear.log_probability(values), expected, rtol=1e-9, atol=1e-12)
     rewritten(path, lambda arrays: arrays.update(floor=np.ones(2)))
@@ -547,7 +548,7 @@ def test_own_recordings_of_no_decision_move_nothing():
     elsewhere.index["carrier_hz"] = 24e9
     notes = evaluate(made_up(), own=elsewhere, models=["six-logistic"]).document["notes"]
     assert any("120 of 120 own rows are not used" in note and "carrier_hz outside" in note for note in notes)
-    assert any("not adapted: a class has no own recording left" in note for note in notes)
+    assert any("is not adapted, because a class has no own recording left." in note for note in notes)
 
 
 def test_what_is_unlike_the_training_is_no_decision(found):
@@ -597,7 +598,7 @@ def test_a_test_on_another_radar_is_said_and_not_decided():
     outside = document["outside_conditions"]["carrier_hz"]
     assert (outside["n"], outside["of"]) == (240, 240)
     assert (outside["learnt"], outside["tested"]) == (pytest.approx([7.29e9] * 2), pytest.approx([24.1e9] * 2))
-    assert any("carrier_hz: 240 of 240 tested rows have 2.41e+10, outside" in note for note in document["notes"])
+    assert any("240 of 240 tested rows have a carrier_hz of 2.41e+10, outside" in note for note in document["notes"])
     assert document["models"]["six-logistic"]["decided"]["n"] == 0
     assert not evaluate(made_up(), models=["six-logistic"]).document["outside_conditions"]
 
@@ -694,7 +695,9 @@ def test_without_held_rows_nothing_is_the_best(tmp_path):
     found = evaluate(few_targets(), models=FEATURE_MODELS)
     assert found.best is None
     assert found.document["kept"] is None
-    assert "six-logistic, six-boosting: not calibrated" in " ".join(found.document["notes"])
+    notes = found.document["notes"]
+    assert "six-logistic, six-boosting are not calibrated" in " ".join(notes)
+    assert all(note.endswith(".") for note in notes)
     assert "not calibrated" in write_report(found, tmp_path / "out")[-1].read_text()
     assert evaluate(few_targets(), models=["six-logistic"], keep=True).best == "six-logistic"
 

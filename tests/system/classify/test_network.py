@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from doppelgait.classify.data import collect_inputs, collect_rows
-from doppelgait.classify.learned import LabelledRows, list_arrays
+from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.processing.patches import Patch
 
@@ -65,7 +65,7 @@ def test_plain_form_answers_as_torch_does():
     model.eval()
     with torch.no_grad():
         expected = torch.log_softmax(model(pictures), dim=1).numpy()
-    found = nets.scorer.of_pictures(list_arrays(nets._read_model(model.state_dict(), SPEC)), pictures[:, 0].numpy())
+    found = nets.scorer.of_pictures(nets._read_model(model.state_dict(), SPEC).arrays, pictures[:, 0].numpy())
     assert np.ptp(expected, axis=0).max() > 0.1
     assert np.allclose(found, expected, atol=1e-4)
 

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from doppelgait.core.config import validate
 from doppelgait.dataset import open_dataset
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.feasibility import LIMITS, assess, find_limits
+from doppelgait.dataset.feasibility import LIMITS, assess, find_limits, list_limit_keys
 from doppelgait.dataset.plan import plan_dataset, sample_examples
 from doppelgait.dataset.verify import verify_dataset
+from doppelgait.radar import Radar
 
 PLAN = """
 [dataset]
@@ -140,11 +142,20 @@ def test_plan_prints_the_table_and_reports_progress(plan_file, planned, monkeypa
     done = run("dataset", "plan", str(plan_file), "--pilot", "0")
     assert "drawing examples: 28 of 28" in done.stderr
     assert "checking ranges and speeds: 28 of 28" in done.stderr
+    assert "pilot" not in run("dataset", "plan", str(plan_file), "--pilot", "2").stderr  # of a pipe
+    monkeypatch.setattr("typer.get_text_stream", lambda name: SimpleNamespace(isatty=lambda: name == "stderr"))
+    assert "simulating the pilot: 2 of 2" in run("dataset", "plan", str(plan_file), "--pilot", "2").stderr
     answer = run("dataset", "plan", str(plan_file), "--pilot", "0", "--json")
     assert answer.stderr == ""
     found = json.loads(answer.stdout)["feasibility"]
     assert found["limits"] == expected.limits
     assert [part["rows"] for part in found["snr"]] == [7, 7, 7, 7]
+
+
+def test_the_keys_to_change_are_those_of_the_radar():
+    keys = {name: [list_limit_keys(limit, Radar.preset(name)) for limit in LIMITS[2:4]] for name in ("x4", "ti-60")}
+    assert keys["x4"] == [["target.range_m", "radar.pulse_rate_hz"], ["radar.decimation", "radar.sample_rate_hz"]]
+    assert keys["ti-60"] == [["target.range_m", "radar.sample_rate_hz"], ["radar.sample_rate_hz"]]
 
 
 def test_a_plan_with_targets_beyond_the_frame_has_its_tables(tmp_path):
@@ -157,6 +168,7 @@ def test_a_plan_with_targets_beyond_the_frame_has_its_tables(tmp_path):
     human = next(line for line in lines if line[:1] == ["human"] and len(line) == 6)
     assert human[3:] == ["14", "14", "14"]
     assert "outside the frame: target.range_m, radar.range_stop_m" in done.stdout
+    assert "folding: target.range_m, radar.pulse_rate_hz\n" in done.stdout  # and no sampling rate, which sweeps have
     first = lines.index(["range", "(m)", "rows", "without", "echo", "SNR_frame", "(dB)"]) + 1
     assert [line[-2:] for line in lines[first : first + 4]] == [["7", "7"]] * 4
     assert "2 of 2 examples of the pilot failed; the first is human-000000: gate" in done.stderr

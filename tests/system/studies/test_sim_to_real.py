@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.distance import mahalanobis
 
 from doppelgait.motion.retime import travel_speed_mps
+from export_models import random_network
 
 SECONDS = 3.0
 
@@ -137,14 +138,10 @@ def test_novelty_is_calibrated_on_held_rows(models: ModuleType) -> None:
 
 def test_the_last_layer_gives_the_scores(models: ModuleType) -> None:
     """By the network's own weights, the last layer makes its log-odds."""
-    learned = import_module("doppelgait.classify.learned")
     patch = import_module("sim_to_real_xband_images").PATCH
     rng = np.random.default_rng(5)
-    sizes = (1, 4, 6, 6, 5)
-    kernels = [rng.standard_normal((sizes[n + 1], sizes[n], 3, 3)).astype(np.float32) for n in range(4)]
-    ones = [np.ones(size, dtype=np.float32) for size in sizes[1:]]
-    weight, bias = rng.standard_normal((2, 5)).astype(np.float32), np.array([0.3, -0.2], dtype=np.float32)
-    network = learned.Network(tuple(kernels), tuple(ones), tuple(0.1 * one for one in ones), weight, bias, patch)
+    network = random_network(rng, 2, patch, (4, 6, 6, 5))
+    weight, bias = network.arrays["weight"], network.arrays["bias"]
     levels = np.empty(3, dtype=object)
     levels[:] = [rng.random((64, 48 + 10 * n), dtype=np.float32) for n in range(3)]
     scores = models.last_layer(network, levels) @ weight.T + bias

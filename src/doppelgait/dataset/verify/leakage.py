@@ -70,7 +70,7 @@ class Guess:
 
 
 Cells = tuple[Float32Array, IntArray]
-"""Cells of the rows of a table: members (n, n_cells), and the first cell of every term (n_terms,)."""
+"""Cells of the rows of a table: members (n, n_cells), and every term's first cell (n_terms,)."""
 
 
 def guess_classes(table: pd.DataFrame, rng: np.random.Generator, *, only_leaks: bool = False) -> Guess:
@@ -87,7 +87,7 @@ def guess_classes(table: pd.DataFrame, rng: np.random.Generator, *, only_leaks: 
     folds = rng.permutation(int(groups.max()) + 1)[groups] % FOLDS
     cells = make_cells([columns[name] for name in columns])
     accuracy = float(score_folds(cells, folds, labels[:, None])[0])
-    if only_leaks and not accuracy > allowed:  # whatever a thousand permutations show, it is no leak
+    if only_leaks and not accuracy > allowed:  # whatever permutations show, it is no leak
         return Guess(*columns.shape, accuracy, allowed)
     better, made = 0, 0
     while made < PERMUTATIONS or (not better and made < MAX_PERMUTATIONS):
@@ -309,7 +309,7 @@ def collect_nuisances(
             rows = rows.reindex(dataset.index["id"])
         else:
             rows = dataset.index[[name for name in MEASURED if name in dataset.index]].add_prefix("index.")
-            notes.append(f"nuisance of {dataset.directory}: only {', '.join(map(str, rows))} ({reason})")
+            notes.append(f"Nuisance parameters of {dataset.directory} are only {', '.join(map(str, rows))} ({reason}).")
         parts.append(rows)
     table = pd.concat(parts, ignore_index=True, join="inner")
     kept = {}
@@ -319,7 +319,7 @@ def collect_nuisances(
         values = round_values(pd.Series(encode_values(column))).to_numpy(dtype=np.float64)
         if np.unique(values[~np.isnan(values)]).size > 1:
             kept[str(name)] = values
-    return kept, "; ".join(notes)
+    return kept, " ".join(notes)
 
 
 def tabulate_examples(examples: Sequence[ExampleSpec]) -> pd.DataFrame:
