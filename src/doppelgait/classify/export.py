@@ -67,7 +67,7 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
             f"--form onnx: {model.facts.name} follows tracks; use --form c or numpy, or export a model of windows"
         )
     if (settings is None) == (form == "c"):
-        raise ConfigError(f"--form {form}: a radar and a device are for --form c, which needs them (--radar)")
+        raise ConfigError(f"--form {form}: --form c needs a radar (--radar x4, or a file); other forms take none")
     check_out(out, listing=LISTING, file_format=FORMAT, command="doppelgait model export")
     contents: dict[str, bytes] = {}
     if form == "onnx":
@@ -88,7 +88,7 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
             save_model(model, partial / "model.npz")
         files = sorted(path.name for path in partial.iterdir())
         facts = {"format": FORMAT, "form": form, "doppelgait": __version__, "files": files, **found}
-        facts["model"] = model.facts.model_dump(mode="json")
+        facts["model"] = (model.of_tracks if form == "c" else model).facts.model_dump(mode="json")
         (partial / LISTING).write_text(json.dumps(facts, indent=2, sort_keys=True) + "\n", encoding="utf-8")
     return Export(out, tuple(files), found)
 

@@ -24,6 +24,7 @@ from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.dataset.windows import LiveCounts, Ring, Window, analyze_window
 from doppelgait.pipeline import Result, Tracking
+from doppelgait.pipeline.tracking import OTHER_SIGN
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 
@@ -60,6 +61,7 @@ class Live:
 
     def windows(self) -> Iterator[tuple[Window, list[TrackDecision], list[Result]]]:
         """Yield every window with decisions and results."""
+        said = ""
         try:
             while not self._closed.is_set():
                 raise_if_stopped()
@@ -85,6 +87,8 @@ class Live:
                     if counts.failed == 1:
                         warn_caller(f"a window from {window.start_s:g} s on cannot be analysed: {error}")
                     continue
+                if OTHER_SIGN in results.reason and OTHER_SIGN not in said:
+                    warn_caller(said := f"from {window.start_s:g} s on: {results.reason}")
                 yield window, self._tracks.add(window, results), results
         finally:
             self.close()

@@ -20,7 +20,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array, read_axis
 from doppelgait.core.units import FloatArray
 from doppelgait.pipeline.analyze import analyze
-from doppelgait.pipeline.result import Result
+from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.tracking import Tracking
 from doppelgait.processing import Analysis
 from doppelgait.radar.parameters import Radar
@@ -111,10 +111,10 @@ def cut_windows(recording: Recording, window_s: float, hop_s: float) -> Iterator
 
 def analyze_window(
     window: Window, analysis: Analysis, tracking: Tracking | None = None, gate: Any = "track"
-) -> list[Result]:
+) -> TargetList:
     """Analyse a window; times refer to the recording."""
     results = analyze(window.recording, gate=gate, analysis=analysis, tracking=tracking)
-    return [_delay_result(result, window.start_s) for result in results]
+    return TargetList((_delay_result(result, window.start_s) for result in results), reason=results.reason)
 
 
 def _delay_result(result: Result, by_s: float) -> Result:

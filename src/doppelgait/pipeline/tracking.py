@@ -160,6 +160,9 @@ def _analyze_without_range(frames: Frames, wavelength_m: float, analysis: Analys
     )
 
 
+OTHER_SIGN = "of a body whose range and Doppler contradict each other: the sign of Doppler is wrong (conjugate=true)"
+
+
 def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength_m: float, tracking: Tracking) -> str:
     if scans is None:
         return f"moving bodies cannot be detected at {raw.slow_time.rate_hz:.3g} frames/s"
@@ -168,35 +171,36 @@ def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength
     seen = f"{hits} of {len(scans)} scans have detections"
     span_mps = wavelength_m * raw.slow_time.rate_hz / 2
     still = tracker.model_copy(update={"still_travel_m": 0.0})
-    resting = track(scans, still, velocity_span_mps=span_mps)
-    if resting:
+    if track([_mirror(scan) for scan in scans], tracker, velocity_span_mps=span_mps):
+        return f"{seen} {OTHER_SIGN}"
+    if resting := track(scans, still, velocity_span_mps=span_mps):
         most_m = max(float(np.ptp(one.range_m)) for one in resting)
         return (
             f"{seen}, but the detected bodies do not move (at most {most_m:.2f} m of travel, "
             f"{resting[0].range_m.mean():.2f} m from the radar), like clutter and people at rest; "
             f"set tracking.tracker.still_travel_m=0 to report them"
         )
-    brief = track(scans, still.model_copy(update={"min_duration_s": 0.0}), velocity_span_mps=span_mps)
-    if brief:
+    if brief := track(scans, still.model_copy(update={"min_duration_s": 0.0}), velocity_span_mps=span_mps):
         longest_s = max(one.last_s - one.first_s for one in brief)
         return f"{seen}, but none for {tracker.min_duration_s:g} s (longest {longest_s:.1f} s)"
-    best_db, place, fastest_mps = -math.inf, "", wavelength_m * raw.slow_time.rate_hz / 4
-    if fastest_mps <= detector.slow_mps:
-        return f"{seen}; speeds are unambiguous to {fastest_mps:.2g} m/s only, below walking speed"
+    if span_mps / 2 <= detector.slow_mps:
+        return f"{seen}; speeds are unambiguous to {span_mps / 2:.2g} m/s only, below walking speed"
+    best = (1e-30, "")
     for maps in compute_maps(remove_from_frames(raw, kind=detector.clutter), detector, wavelength_m=wavelength_m):
         snr = maps.power_v2 / np.maximum(maps.floor_v2, 1e-300)
         snr[:, np.abs(maps.velocity_mps) < detector.slow_mps] = 0.0  # residual clutter
         scan, doppler, number = np.unravel_index(int(snr.argmax()), snr.shape)
-        level_db = 10.0 * math.log10(max(float(snr[scan, doppler, number]), 1e-30))
-        if level_db > best_db:
-            best_db = level_db
-            place = f"{maps.range_m[number]:.2f} m, {maps.velocity_mps[doppler]:.2f} m/s, {maps.time_s[scan]:.1f} s"
-    needed_db = 10.0 * math.log10(noise_factor(detector.peak_pfa))
+        place = f"{maps.range_m[number]:.2f} m, {maps.velocity_mps[doppler]:.2f} m/s, {maps.time_s[scan]:.1f} s"
+        best = max(best, (float(snr[scan, doppler, number]), place))
     return (
         f"{seen}, and never {tracker.confirm_hits} of {tracker.confirm_scans} consecutive scans at one place: the "
-        f"strongest cell faster than {detector.slow_mps:g} m/s is {best_db:.1f} dB above the noise ({place}), and a "
-        f"body needs {needed_db:.1f} dB"
+        f"strongest cell faster than {detector.slow_mps:g} m/s is {10.0 * math.log10(best[0]):.1f} dB above the noise "
+        f"({best[1]}), and a body needs {10.0 * math.log10(noise_factor(detector.peak_pfa)):.1f} dB"
     )
+
+
+def _mirror(scan: Scan) -> Scan:
+    return Scan(scan.time_s, tuple(replace(one, velocity_mps=-one.velocity_mps) for one in scan.detections))
 
 
 def _link(tracks: list[Track], persons: Sequence[BreathingTarget], range_m: FloatArray) -> list[Track]:
