@@ -1,11 +1,11 @@
 """Public recordings from a server of this computer, and the sample."""
 
 import hashlib
+import re
 import sys
 import tomllib
-from functools import partial
+from functools import cache, partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 from threading import Thread
 
 import numpy as np
@@ -14,26 +14,27 @@ import pytest
 import doppelgait as dg
 from doppelgait import data
 from doppelgait.core.errors import DatasetError
+from doppelgait.core.files import hash_file
 
 ROWS = tomllib.loads(data.TABLE.read_text())
+hash_once = cache(hash_file)
 
 
 @pytest.fixture
 def served(tmp_path, monkeypatch):
     """Folder of a server that has the recording ``walk``, two files; the table names it alone."""
     pytest.importorskip("pooch")
-    folder = tmp_path / "served" / "me" / "mine" / "c0" / "in a folder"
-    folder.mkdir(parents=True)
-    table = "[walk]\nwhat='a walk'\nlicence='CC-BY-NC-4.0'\nrepository='me/mine'\ncommit='c0'\n"
-    for name, content in {"walk.bin": b"steps", "meta.bin": b"meta"}.items():
-        (folder / name).write_bytes(content)
-        facts = f"path='in a folder/{name}'\nbytes={len(content)}\nsha256='{hashlib.sha256(content).hexdigest()}'"
-        table += f"[[walk.files]]\n{facts}\n"
-    (tmp_path / "table.toml").write_text(table)
-    handler = partial(SimpleHTTPRequestHandler, directory=str(tmp_path / "served"))
+    folder = tmp_path / "in a folder"
+    folder.mkdir()
+    handler = partial(SimpleHTTPRequestHandler, directory=str(tmp_path))
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         Thread(target=server.serve_forever, daemon=True).start()
-        monkeypatch.setattr(data, "ADDRESS", f"http://127.0.0.1:{server.server_port}")
+        table = "[walk]\nwhat='a walk'\nlicence='CC-BY-NC-4.0'\n[walk.files]\n"
+        for name, content in {"walk.bin": b"steps", "meta.bin": b"meta"}.items():
+            (folder / name).write_bytes(content)
+            url = f"http://127.0.0.1:{server.server_port}/in%20a%20folder/{name}"
+            table += f"'{url}'='{hashlib.sha256(content).hexdigest()}'\n"
+        (tmp_path / "table.toml").write_text(table)
         monkeypatch.setattr(data, "TABLE", tmp_path / "table.toml")
         monkeypatch.setenv("DOPPELGAIT_DATA", str(tmp_path / "cache"))
         yield folder
@@ -46,9 +47,7 @@ def test_a_recording_is_fetched_once_and_its_licence_shown(served, tmp_path, cap
     assert path.read_bytes() == b"steps"
     assert (path.parent / "meta.bin").read_bytes() == b"meta"
     said = capfd.readouterr().err
-    assert said.index("walk: a walk, of me/mine; licence: CC-BY-NC-4.0\n") < said.index(
-        "GET /me/mine/c0/in%20a%20folder"
-    )
+    assert said.index("walk: a walk; licence: CC-BY-NC-4.0\n") < said.index("GET /in%20a%20folder/walk.bin")
     assert data.fetch("walk") == path
     assert capfd.readouterr().err == ""
 
@@ -60,11 +59,12 @@ def test_a_recording_that_cannot_be_had_is_put_there_by_hand(served, tmp_path, m
     elif fault == "no such file":
         (served / "walk.bin").unlink()
     else:
-        monkeypatch.setattr(data, "ADDRESS", "http://127.0.0.1:1")
+        table = tmp_path / "table.toml"
+        table.write_text(re.sub(r"127.0.0.1:\d+", "127.0.0.1:1", table.read_text()))
     place = tmp_path / "cache" / "walk" / "walk.bin"
     words = {"other content": "does not match", "no such file": "404", "no network": "refused"}[fault]
     with pytest.raises(
-        DatasetError, match=rf"^walk: cannot be fetched: .*{words}.*/walk.bin by other means and put it at {place};"
+        DatasetError, match=rf"^walk: cannot be fetched: .*{words}.*/walk.bin by hand and put it at {place};"
     ):
         data.fetch("walk")
     assert not place.exists()
@@ -86,7 +86,8 @@ def test_every_row_states_its_licence_and_its_place():
     table = data.list_recordings().set_index("name")
     assert set(table.index) == set(ROWS)
     assert (table["licence"].str.len() > 2).all()
-    assert table["url"].str.match(r"https://raw.githubusercontent.com/[\w-]+/[\w-]+/[0-9a-f]{40}/\S+$").all()
+    pattern = re.compile(r"https://raw.githubusercontent.com/[\w-]+/[\w-]+/[0-9a-f]{40}/\S+ [0-9a-f]{64}")
+    assert all(pattern.fullmatch(" ".join(file)) for row in ROWS.values() for file in row["files"].items())
     assert set(table["reader"]) <= {*dg.motion.readers.MOTION_READERS, *dg.radar.readers.RADAR_READERS}
 
 
@@ -94,13 +95,12 @@ def test_every_row_states_its_licence_and_its_place():
 @pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
 @pytest.mark.parametrize("name", ROWS)
 def test_every_recording_has_its_checksum_and_is_read(shared, tmp_path, name):
-    sizes = {file["bytes"]: file for file in ROWS[name]["files"]}
-    for path in (path for path in (shared / "data").rglob("*") if path.is_file() and path.stat().st_size in sizes):
-        file = sizes[path.stat().st_size]
-        if hashlib.sha256(path.read_bytes()).hexdigest() == file["sha256"]:
-            (tmp_path / Path(file["path"]).name).write_bytes(path.read_bytes())
-    path = tmp_path / Path(ROWS[name]["files"][0]["path"]).name
-    assert len(list(tmp_path.iterdir())) == len(sizes)
+    files = {sha256: url.rpartition("/")[2] for url, sha256 in ROWS[name]["files"].items()}
+    for path in (path for folder in ("mocap", "radar") for path in (shared / "data" / folder).rglob("*.*")):
+        if path.is_file() and (found := files.get(hash_once(path))):
+            (tmp_path / found).write_bytes(path.read_bytes())
+    assert sum(path.stat().st_size for path in tmp_path.iterdir()) == ROWS[name]["bytes"]
+    path = tmp_path / next(iter(files.values()))
     found = eval(ROWS[name]["read"], {"dg": dg, "path": path})
     assert isinstance(found, dg.motion.Motion if "motion" in ROWS[name]["read"] else dg.Recording)
 

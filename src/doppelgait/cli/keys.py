@@ -183,4 +183,4 @@ def fetch(
     elif as_json:
         print_json(rows)
     else:
-        print_table([{key: row[key] for key in ("name", "what", "mb", "licence")} for row in rows])
+        print_table([{key: row[key] for key in ("name", "what", "bytes", "licence")} for row in rows])

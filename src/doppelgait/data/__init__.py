@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
 
 from doppelgait.core.config import read_toml
 from doppelgait.core.errors import DatasetError, list_choices
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["fetch", "list_recordings", "sample"]
 
-ADDRESS = "https://raw.githubusercontent.com"
 TABLE = Path(__file__).with_name("recordings.toml")
 DEMO = Path(__file__).with_name("demo.toml")
 """Scene file of the sample: an approaching person and a receding dog pass each other."""
@@ -29,8 +27,7 @@ def list_recordings() -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        ``name``, ``what``, ``licence``, ``reader``, ``read`` (the call that reads ``path``), ``mb`` (1e6 bytes) and
-        ``url`` of the first file.
+        ``name``, ``what``, ``licence``, ``reader``, ``read`` (the call that reads ``path``) and ``bytes``.
 
     Examples
     --------
@@ -40,17 +37,7 @@ def list_recordings() -> pd.DataFrame:
     """
     import pandas as pd
 
-    rows: dict[str, dict[str, Any]] = read_toml(TABLE)[0]
-    columns = ("what", "licence", "reader", "read")
-    return pd.DataFrame(
-        {
-            "name": name,
-            **{column: row[column] for column in columns},
-            "mb": round(sum(file["bytes"] for file in row["files"]) / 1e6, 2),
-            "url": _make_url(row, row["files"][0]),
-        }
-        for name, row in rows.items()
-    )
+    return pd.DataFrame([{"name": name, **row} for name, row in read_toml(TABLE)[0].items()]).drop(columns="files")
 
 
 def fetch(name: str) -> Path:
@@ -88,31 +75,22 @@ def fetch(name: str) -> Path:
     except ImportError:
         raise DatasetError("pooch is not installed; install it with pip install 'doppelgait[data]'") from None
     pooch.get_logger().setLevel("WARNING")
-    row = rows[name]
-    files = {f"{name}/{Path(file['path']).name}": file for file in row["files"]}
-    store = pooch.create(
-        pooch.os_cache("doppelgait"),
-        base_url="",
-        env="DOPPELGAIT_DATA",
-        registry={key: f"sha256:{file['sha256']}" for key, file in files.items()},
-        urls={key: _make_url(row, file) for key, file in files.items()},
-    )
-    paths = [Path(store.path) / key for key in files]
-    if not all(path.is_file() for path in paths):
-        print(f"{name}: {row['what']}, of {row['repository']}; licence: {row['licence']}", file=sys.stderr, flush=True)
-    for key, path in zip(files, paths, strict=True):
+    urls = {f"{name}/{url.rpartition('/')[2]}": url for url in rows[name]["files"]}
+    sums = dict(zip(urls, rows[name]["files"].values(), strict=True))
+    folder = pooch.os_cache("doppelgait")
+    store = pooch.create(folder, base_url="", env="DOPPELGAIT_DATA", registry=sums, urls=urls)
+    paths = {key: Path(store.path) / key for key in urls}
+    if not all(path.is_file() for path in paths.values()):
+        print(f"{name}: {rows[name]['what']}; licence: {rows[name]['licence']}", file=sys.stderr, flush=True)
+    for key, path in paths.items():
         try:
             store.fetch(key)
         except (OSError, ValueError) as error:
             raise DatasetError(
-                f"{name}: cannot be fetched: {' '.join(str(error).split())}; download {store.urls[key]} by other means "
-                f"and put it at {path}; its SHA-256 is {files[key]['sha256']}"
+                f"{name}: cannot be fetched: {' '.join(str(error).split())}; download {urls[key]} by hand and put "
+                f"it at {path}; its SHA-256 is {sums[key]}"
             ) from None
-    return paths[0]
-
-
-def _make_url(row: dict[str, Any], file: dict[str, Any]) -> str:
-    return f"{ADDRESS}/{row['repository']}/{row['commit']}/{quote(file['path'])}"
+    return next(iter(paths.values()))
 
 
 def sample() -> Recording:
