@@ -238,7 +238,7 @@ def status(
 
     found = read_dataset_status(directory, quick=quick)
     bad = [name for name, state in found.shards.items() if state == "damaged"]
-    counts = {state: found.count(state) for state in ("done", "missing", "damaged")}
+    counts = {state: list(found.shards.values()).count(state) for state in ("done", "missing", "damaged")}
     if as_json:
         print_json({**vars(found), "directory": str(found.directory), "shards": counts, "damaged": bad})
     else:

@@ -320,10 +320,6 @@ class Status:
     running: tuple[str, ...]
     removed: tuple[str, ...]
 
-    def count(self, state: str) -> int:
-        """Count the shards in a state."""
-        return sum(one == state for one in self.shards.values())
-
 
 def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
     """Report the status of a dataset."""

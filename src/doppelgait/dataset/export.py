@@ -191,13 +191,9 @@ class Parquet(FrozenModel):
 
 
 class HuggingFace(FrozenModel):
-    """Parquet files and a card that the package datasets reads.
-
-    rows_per_group: Rows in one row group of a file; they are in memory together.
-    """
+    """Parquet files and a card that the package datasets reads."""
 
     kind: Literal["huggingface"] = "huggingface"
-    rows_per_group: int = Field(default=100, ge=1, le=1_000_000)
 
 
 class WebDataset(FrozenModel):
@@ -221,13 +217,9 @@ class Zarr(FrozenModel):
 
 
 class Xarray(FrozenModel):
-    """One Zarr group that xarray opens as one Dataset.
-
-    examples_per_file: Examples in one file (a Zarr shard); each example is one chunk of the file.
-    """
+    """One Zarr group that xarray opens as one Dataset."""
 
     kind: Literal["xarray"] = "xarray"
-    examples_per_file: int = Field(default=64, ge=1, le=1_000_000)
 
 
 class Sigmf(FrozenModel):
@@ -257,7 +249,7 @@ def write_huggingface(dataset: Dataset, folder: Path, fields: Fields, parameters
     """
     import pyarrow as pa
 
-    schemas = _write_tables(dataset, folder, fields, parameters.rows_per_group, done, nested=True)
+    schemas = _write_tables(dataset, folder, fields, Parquet().rows_per_group, done, nested=True)
     classes = {str(number): label for label, number in dataset.description["classes"].items()}
     features: list[dict[str, Any]] = [{"name": "label", "dtype": {"class_label": {"names": classes}}}]
     for column in pa.unify_schemas(list(schemas.values())):
@@ -286,7 +278,7 @@ def write_huggingface(dataset: Dataset, folder: Path, fields: Fields, parameters
 def _write_tables(
     dataset: Dataset, folder: Path, fields: Fields, rows_per_group: int, done: Done, *, nested: bool = False
 ) -> dict[str, pa.Schema]:
-    """Write ``SPLIT.parquet`` files, and return their schemas by split."""
+    # the schemas by split
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -338,7 +330,6 @@ def _make_array_columns(
 
 
 def _nest(values: npt.NDArray[Any]) -> Any:
-    """Return the rows of an array as nested lists, None without values."""
     if values.ndim == 1 and values.size:
         return values
     return [_nest(part) for part in values] if values.size else None
@@ -349,14 +340,12 @@ def _add_units(table: pa.Table, dataset: Dataset) -> pa.Table:
     import pyarrow as pa
 
     fields = dataset.description["fields"]
-    shapes = {f"{name}_shape" for name in fields}
     columns = []
     for column in table.schema:
-        array = pa.types.is_list(column.type) and column.name not in shapes
-        number = pa.types.is_floating(column.type) or array
-        field = column.name.removesuffix(VALUES)
-        unit = fields[field]["units"] if array and field in fields else parse_unit(column.name)
-        columns.append(column.with_metadata({"unit": unit}) if number else column)
+        array = pa.types.is_list(column.type) and column.name.removesuffix("_shape") not in fields
+        stem = column.name.removesuffix(VALUES)
+        unit = fields[stem]["units"] if stem in fields and pa.types.is_list(column.type) else parse_unit(column.name)
+        columns.append(column.with_metadata({"unit": unit}) if array or pa.types.is_floating(column.type) else column)
     facts = json.dumps({"id": dataset.description["id"], "classes": dataset.description["classes"], "fields": fields})
     return table.cast(pa.schema(columns, metadata={**(table.schema.metadata or {}), b"doppelgait": facts.encode()}))
 
@@ -425,7 +414,7 @@ def write_xarray(dataset: Dataset, folder: Path, fields: Fields, parameters: Xar
     for column in table.columns:
         _write_column(root, str(column), table[column])
     for field, name in named.items():
-        _write_stacked(root, dataset, field, rows, parameters.examples_per_file, name)
+        _write_stacked(root, dataset, field, rows, Zarr().examples_per_file, name)
     root.attrs["coordinates"] = " ".join(sorted(set(root) - set(named.values())))
     with warnings.catch_warnings(action="ignore"):  # version 3 of the format does not specify it yet
         zarr.consolidate_metadata(root.store)
@@ -474,7 +463,7 @@ def _write_stacked(
 
 
 def _write_axis(group: Any, dataset: Dataset, field: str, dim: str, rows: npt.NDArray[np.int64]) -> str:
-    """Write a dimension's values, and return its name: with the field if another field has other values."""
+    # its name: with the field if another field has other values
     stored = name_axis(field, dim)
     axes = [None if stored is None else dataset.stored(int(row), stored) for row in rows]
     known = [values for values in axes if values is not None and values.size]

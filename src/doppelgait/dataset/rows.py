@@ -14,7 +14,7 @@ import xarray as xr
 
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.rng import Streams
-from doppelgait.dataset.example import suggest_names
+from doppelgait.dataset.config import suggest_names
 from doppelgait.dataset.shard_files import MAX_OPEN
 from doppelgait.processing.patches import Levels, Patch, cut, levels_of
 

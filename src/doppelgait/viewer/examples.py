@@ -19,7 +19,8 @@ from doppelgait.core.config import convert_to_json
 from doppelgait.core.draws import resolve
 from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset import Dataset, Example, PlanConfig
-from doppelgait.dataset.example import find_plan_number, suggest_names
+from doppelgait.dataset.config import suggest_names
+from doppelgait.dataset.example import find_plan_number
 from doppelgait.dataset.resolve import find_class, list_radar_files, resolve_example
 from doppelgait.dataset.shard import make_truth_columns
 from doppelgait.dataset.windows import cut_windows

@@ -30,7 +30,7 @@ LABEL = re.compile(r"(?<![\w.-])E-\d\d[a-z]?\b")
 INTERNAL = {
     "FrozenModel", "Path",  # bases of what users write
     "Conditions",  # the lists of a scene file, which stand at its top
-    "Parquet", "HuggingFace", "WebDataset", "Zarr", "Xarray",  # options of an export
+    "Parquet", "WebDataset", "Zarr",  # options of an export
     "RowSpec", "ExampleSpec", "EmptySceneOptions", "Run",  # what configurations are resolved to
     "Facts", "Patch", "Training", "Holder",  # inside a model file, and a lock
     "A111Settings", "Settings", "Subsweep", "ExpmapSkeleton",  # inside records of other programs
