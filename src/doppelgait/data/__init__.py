@@ -54,7 +54,7 @@ def fetch(name: str) -> Path:
     Returns
     -------
     Path
-        The file to read; further files of the recording are in its folder.
+        File to read; others of the recording are beside it.
 
     Raises
     ------

@@ -394,11 +394,8 @@ def write_zarr(dataset: Dataset, folder: Path, fields: Fields, parameters: Zarr,
             facts = dataset.description["fields"][name]
             for row in map(int, rows):
                 own = group.create_group(make_file_name(str(dataset.index["id"].iat[row])))
-                arrays = read_arrays(dataset, row, (name,))
-                for dim in facts["dims"]:
-                    if (axis := arrays.get(name_axis(name, dim) or "")) is not None:
-                        _write_whole(own, dim, axis, (dim,), COORDINATE_UNITS[dim])
-                _write_whole(own, name, arrays[name], tuple(facts["dims"]), facts["units"])
+                dims = tuple(_write_axis(own, dataset, name, dim, np.array([row])) for dim in facts["dims"])
+                _write_whole(own, name, dataset.array(name, row), dims, facts["units"])
         done(rows.size)
 
 
