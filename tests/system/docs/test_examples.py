@@ -21,6 +21,7 @@ from doppelgait.classify.alarm import load_day
 from doppelgait.cli.app import app
 from doppelgait.core import plugins
 from doppelgait.core.config import write_toml
+from doppelgait.viz import objects  # noqa: F401  registers what plot() draws, for all pages
 
 DOCS = ROOT / "docs"
 PAGES = [DOCS / "start.md", *sorted((DOCS / "howto").glob("*.md"))]
