@@ -14,7 +14,7 @@ PACKAGES = (
     "doppelgait.scene.environment", "doppelgait.radar", "doppelgait.radar.waveforms", "doppelgait.radar.impairments",
     "doppelgait.radar.fit", "doppelgait.radar.readers", "doppelgait.radar.xethru", "doppelgait.processing",
     "doppelgait.processing.detect", "doppelgait.processing.track", "doppelgait.features", "doppelgait.pipeline",
-    "doppelgait.viz", "doppelgait.dataset",
+    "doppelgait.viz", "doppelgait.data", "doppelgait.dataset",
     "doppelgait.dataset.verify", "doppelgait.classify", "doppelgait.testing", "doppelgait_conformance",
 )  # fmt: skip
 """Packages whose ``__all__`` is public, in the order of the data."""

@@ -55,6 +55,7 @@ PLUGIN_ROOMS: tuple[str, ...] = (
 _SUBPACKAGES = {
     "classify",
     "core",
+    "data",
     "dataset",
     "features",
     "motion",

@@ -8,10 +8,10 @@ import pytest
 import doppelgait as dg
 from checkout import ROOT
 from doppelgait.classify.model_file import open_model
-from doppelgait.cli.simulate import DEMO
 from doppelgait.core import config
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import list_plugin_groups
+from doppelgait.data import DEMO
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.pipeline import Noise, Run, parse_radar, parse_run
 from doppelgait.processing import Analysis

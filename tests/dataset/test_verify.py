@@ -9,9 +9,9 @@ from scipy.stats import pearsonr
 from sklearn.metrics import balanced_accuracy_score
 
 from doppelgait.dataset.config import list_some
-from doppelgait.dataset.verify import duplicates, leakage, truth
+from doppelgait.dataset.verify import integrity, leakage, truth
 from doppelgait.dataset.verify.contents import Check, Contents, Verification
-from doppelgait.dataset.verify.duplicates import check_groups
+from doppelgait.dataset.verify.integrity import check_groups
 from doppelgait.dataset.verify.leakage import round_values
 from doppelgait.dataset.verify.truth import check_visible_targets
 
@@ -158,28 +158,28 @@ def test_a_picture_ignores_level_and_tells_shapes_apart():
     rng = np.random.default_rng(0)
     power = rng.exponential(size=(200, 130))
     power[:, 60:64] += 500 * (1 + np.sin(np.arange(200) / 9))[:, None]
-    one = duplicates.make_picture(power)
+    one = integrity.make_picture(power)
     assert one @ one == pytest.approx(1, abs=1e-5)
-    assert one @ duplicates.make_picture(7.0 * power) == pytest.approx(1, abs=1e-5)
+    assert one @ integrity.make_picture(7.0 * power) == pytest.approx(1, abs=1e-5)
     other = power.copy()
     other[:, 60:64] = rng.exponential(size=(200, 4))
-    assert one @ duplicates.make_picture(other) < 0.5
-    assert duplicates.make_picture(np.zeros((3, 5))) @ one == 0
+    assert one @ integrity.make_picture(other) < 0.5
+    assert integrity.make_picture(np.zeros((3, 5))) @ one == 0
 
 
 def test_averages_are_those_of_the_parts():
     values = np.arange(20.0).reshape(10, 2)
     expected = [part.mean(axis=0) for part in np.array_split(values, 5)]
-    assert np.allclose(duplicates._average(values, 5), expected)
-    assert np.allclose(duplicates._average(values[:2], 4)[:, 0], [0, 0, 2, 2])
+    assert np.allclose(integrity._average(values, 5), expected)
+    assert np.allclose(integrity._average(values[:2], 4)[:, 0], [0, 0, 2, 2])
 
 
 def test_the_search_finds_the_nearest_of_a_brute_force(monkeypatch):
-    monkeypatch.setattr(duplicates, "CANDIDATE", -1.0)
+    monkeypatch.setattr(integrity, "CANDIDATE", -1.0)
     rng = np.random.default_rng(1)
-    pictures = {n: duplicates._scale_to_unit(rng.normal(size=12)) for n in range(60)}
+    pictures = {n: integrity._scale_to_unit(rng.normal(size=12)) for n in range(60)}
     rows, others = np.arange(40, 60), np.arange(40)
-    found = {second: (value, first) for value, first, second in duplicates._find_nearest(rows, others, pictures)}
+    found = {second: (value, first) for value, first, second in integrity._find_nearest(rows, others, pictures)}
     for row in rows:
         likeness = [pearsonr(pictures[int(row)], pictures[int(n)])[0] for n in others]
         assert found[row][1] == int(np.argmax(likeness))
@@ -188,14 +188,14 @@ def test_the_search_finds_the_nearest_of_a_brute_force(monkeypatch):
 
 def test_equal_features_in_two_splits_are_found_where_no_signature_is_kept():
     rng = np.random.default_rng(2)
-    names = [f"feature_{name}" for name in duplicates.FEATURE_UNITS]
+    names = [f"feature_{name}" for name in integrity.FEATURE_UNITS]
     table = pd.DataFrame(rng.normal(size=(6, 6)), columns=names)
     table["split"], table["id"], table["source"] = ["train"] * 3 + ["test"] * 3, list("abcdef"), "model"
-    assert duplicates.check_duplicates(contents(table)).status == "passed"
+    assert integrity.check_duplicates(contents(table)).status == "passed"
     table.loc[1, names] = table.loc[0, names]  # both in train: no leak
-    assert duplicates.check_duplicates(contents(table)).status == "passed"
+    assert integrity.check_duplicates(contents(table)).status == "passed"
     table.loc[4, names] = table.loc[0, names]
-    found = duplicates.check_duplicates(contents(table))
+    found = integrity.check_duplicates(contents(table))
     assert found.status == "failed"
     assert "a (train) and e (test) identical" in found.summary
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from doppelgait.cli.simulate import DEMO
 from doppelgait.core.config import read_toml
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.labels import SIGNATURE, Signal, make_array
 from doppelgait.core.rng import rng
+from doppelgait.data import DEMO
 from doppelgait.motion import boulic_walk
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import analyze, describe_results, parse_run, run_simulation, simulate, tracking

@@ -172,8 +172,7 @@ def classify(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> model = dg.classify.open_model("x4")
     >>> decisions = dg.classify.classify(recording, model)
     >>> decisions[0].label, round(decisions[0].probability, 1)

@@ -168,11 +168,10 @@ def live(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> frames = zip(recording.slow_time_s, recording.baseband.values, strict=True)
     >>> [(decision.stop_s, decision.label) for decision in dg.live(frames, recording.radar, window_s=3.0)]
-    [(3.0, 'human')]
+    [(3.0, 'human'), (3.0, 'animal'), (3.6, 'human'), (3.6, 'animal')]
     """
     model = model or load_model_for_radar(radar)
     chosen = WindowOptions(**options)

@@ -283,14 +283,13 @@ def classify_over_time(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> model = dg.classify.open_model("x4")
     >>> decisions = dg.classify.classify_over_time(recording, model, window_s=3.0)
     >>> [(decision.stop_s, decision.label) for decision in decisions]
-    [(3.0, 'human')]
+    [(3.0, 'human'), (3.0, 'animal'), (3.6, 'human'), (3.6, 'animal')]
     >>> [(span.start_s, span.stop_s, span.label) for span in dg.classify.join_decisions(decisions)]
-    [(0.0, 3.0, 'human')]
+    [(0.0, 3.6, 'human'), (0.0, 3.6, 'animal')]
     """
     if isinstance(recording, str | FilePath):
         recording = read_recording(recording)

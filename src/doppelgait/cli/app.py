@@ -112,6 +112,7 @@ app.command("listen")(listen.listen)
 app.command("demo")(simulate.run_demo)
 app.command("keys")(keys.keys)
 app.command("plugins")(keys.plugins)
+app.command("fetch")(keys.fetch)
 
 _debug = False
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from doppelgait.classify.options import Options, name_flag, takes_options
-from doppelgait.cli.analyze import ReaderOptions, make_option, open_recording, parse_analysis, takes_windows
+from doppelgait.cli.analyze import Changes, ReaderOptions, make_option, open_recording, parse_analysis, takes_windows
 from doppelgait.cli.dataset import LABEL_HELP, NAMES_HELP
 from doppelgait.cli.output import (
     AsJson,
@@ -42,10 +42,7 @@ def classify(
         Path, typer.Argument(help="Recording in any format of 'radar formats', or result file of 'analyze -o'.")
     ],
     model: ModelOption = None,
-    changes: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Change a parameter of the model's analysis, or tracking...; repeatable."),
-    ] = None,
+    changes: Changes = None,
     options: ReaderOptions = None,
     as_json: AsJson = False,
     **windows: Any,

@@ -239,26 +239,13 @@ def status(
 
     found = read_dataset_status(directory, quick=quick)
     bad = [name for name, state in found.shards.items() if state == "damaged"]
+    counts = {state: list(found.shards.values()).count(state) for state in ("done", "missing", "damaged")}
     if as_json:
-        print_json(
-            {
-                "directory": str(found.directory),
-                "id": found.dataset_id,
-                "name": found.name,
-                "complete": found.complete,
-                "n_examples": found.n_examples,
-                "n_planned": found.planned,
-                "n_failed": found.n_failed,
-                "shards": {state: found.count(state) for state in ("done", "missing", "damaged")},
-                "damaged": bad,
-                "running": list(found.running),
-                "removed": list(found.removed),
-            }
-        )
+        print_json({**vars(found), "directory": str(found.directory), "shards": counts, "damaged": bad})
     else:
-        print_table([{"shards": state, "number": found.count(state)} for state in ("done", "missing", "damaged")])
+        print_table([{"shards": state, "number": count} for state, count in counts.items()])
         print_text(
-            f"{directory}: {found.name}, id {found.dataset_id}: {found.n_examples} of {found.planned} examples, "
+            f"{directory}: {found.name}, id {found.id}: {found.n_examples} of {found.n_planned} examples, "
             f"{found.n_failed} failed; {'complete' if found.complete else 'not complete'}"
         )
         for text, names in (("damaged", bad), ("building now", found.running), ("leftovers removed", found.removed)):

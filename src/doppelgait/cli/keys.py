@@ -1,4 +1,4 @@
-"""``doppelgait keys`` and ``plugins``: what can be configured, and by which plug-ins."""
+"""``doppelgait keys``, ``plugins`` and ``fetch``: what can be configured, by which plug-ins, and what to begin with."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import AsJson, print_json, print_table
+from doppelgait.cli.output import AsJson, print_json, print_message, print_table, print_text
 from doppelgait.core.errors import ConfigError, list_choices
 
 
@@ -162,3 +162,25 @@ def plugins(
     ]
     shown = [{**row, "parameters": " ".join(row["parameters"])} for row in rows]
     print_json(rows) if as_json else print_table(shown)
+
+
+def fetch(
+    name: Annotated[str | None, typer.Argument(help="Name of a recording; without it all are listed.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Download a public recording, and print its path.
+
+    The licence is printed first. Without a name, the recordings are listed.
+
+    Example: doppelgait fetch dog-walk
+    """
+    from doppelgait import data
+
+    rows = data.list_recordings().to_dict("records")
+    if name is not None:
+        print_text(str(data.fetch(name)))
+        print_message(next(f"read with {row['read']}" for row in rows if row["name"] == name))
+    elif as_json:
+        print_json(rows)
+    else:
+        print_table([{key: row[key] for key in ("name", "what", "bytes", "licence")} for row in rows])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.analyze import ReaderOptions, open_recording, parse_analysis, takes_windows
+from doppelgait.cli.analyze import Changes, ReaderOptions, open_recording, parse_analysis, takes_windows
 from doppelgait.cli.output import AsJson, check_output, print_json, print_message
 from doppelgait.core.errors import AnalysisError
 
@@ -50,10 +50,7 @@ def listen(
             "--channels", help="iq: I left, Q right; sides: approaching targets left, receding targets right."
         ),
     ] = StereoChannels.iq,
-    changes: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Change a parameter of the analysis, for example clutter=mean; repeatable."),
-    ] = None,
+    changes: Changes = None,
     options: ReaderOptions = None,
     as_json: AsJson = False,
     **windows: Any,

@@ -206,10 +206,6 @@ def put_target_options(
     first.update(facts)
 
 
-DEMO = Path(__file__).with_name("demo.toml")
-"""Scene file of the demonstration: an approaching person and a receding dog pass each other."""
-
-
 def run_demo(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder for the recording, the results and the figures.")
@@ -223,17 +219,17 @@ def run_demo(
     """
     from doppelgait.cli.analyze import print_features
     from doppelgait.cli.figures import save_figures
-    from doppelgait.core.config import read_toml
-    from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
+    from doppelgait.data import sample
+    from doppelgait.pipeline import analyze, write_results
+    from doppelgait.processing import Analysis
     from doppelgait.radar import write_recording
 
-    spec = parse_run(read_toml(DEMO)[0], where="demo")
     make_folder(output, "-o ")
-    recording = run_simulation(spec)
+    recording = sample()
     write_recording(recording, output / "recording.h5")
-    results = analyze(recording, gate="truth", analysis=spec.analysis)
+    results = analyze(recording, gate="truth")
     write_results(output / "result.h5", recording, results)
-    for path in save_figures(recording, results, spec.analysis, folder=output, form=figure_format):
+    for path in save_figures(recording, results, Analysis(), folder=output, form=figure_format):
         print_message(f"figure: {path}")
     print_features(results)
     recording_file = output / "recording.h5"

@@ -310,19 +310,15 @@ class Status:
     """State of a dataset's folder."""
 
     directory: Path
-    dataset_id: str
+    id: str
     name: str
     complete: bool
-    planned: int
+    n_planned: int
     n_examples: int  # in shards that are done, as the failed ones
     n_failed: int
     shards: Mapping[str, Literal["done", "missing", "damaged"]]
     running: tuple[str, ...]
     removed: tuple[str, ...]
-
-    def count(self, state: str) -> int:
-        """Count the shards in a state."""
-        return sum(one == state for one in self.shards.values())
 
 
 def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
@@ -349,10 +345,10 @@ def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status
         n_failed += len(record.get("failures", ()))
     return Status(
         directory=folder,
-        dataset_id=description["id"],
+        id=description["id"],
         name=description["name"],
         complete=bool(description.get("complete")),
-        planned=int(description.get("n_examples", 0)),
+        n_planned=int(description.get("n_examples", 0)),
         n_examples=len(examples),
         n_failed=n_failed,
         shards=shards,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from difflib import get_close_matches
 from importlib import resources
 from itertools import zip_longest
 from pathlib import Path
@@ -50,6 +51,17 @@ def list_differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
     elif old != new:
         before, after = ("absent" if value is _ABSENT else shorten(value) for value in (old, new))
         yield f"{key}: {before} -> {after}"
+
+
+def suggest_names(name: str, known: Iterable[str]) -> str:
+    """Return a hint of similar names, or their number, for messages."""
+    names = sorted(known)
+    close = get_close_matches(name, names, n=5, cutoff=0.5)
+    if close:
+        return f"; near in spelling: {', '.join(close)}"
+    if len(names) <= 8:
+        return f"; there are {', '.join(names) or 'none'}"
+    return f"; there are {len(names)}, from {names[0]} to {names[-1]}"
 
 
 SCENE_KEYS = tuple(name for name in Scene.model_fields if name != "targets")

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +20,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.labels import COORDINATE_UNITS
 from doppelgait.core.notebook import show_text
 from doppelgait.core.units import carrier_to_wavelength_m, doppler_to_velocity_mps
+from doppelgait.dataset.config import suggest_names
 from doppelgait.dataset.finish import DATA_VERSION
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.shard_files import decode, name_axis
@@ -122,17 +122,6 @@ def parse_unit(column: str) -> str:
     return UNIT_OF_SUFFIX.get(column.rpartition("_")[2], "1")
 
 
-def suggest_names(name: str, known: Iterable[str]) -> str:
-    """Return a hint of similar names, or their number, for messages."""
-    names = sorted(known)
-    close = get_close_matches(name, names, n=5, cutoff=0.5)
-    if close:
-        return f"; near in spelling: {', '.join(close)}"
-    if len(names) <= 8:
-        return f"; there are {', '.join(names) or 'none'}"
-    return f"; there are {len(names)}, from {names[0]} to {names[-1]}"
-
-
 Stored = Callable[[str], npt.NDArray[Any] | None]
 """Function that returns a stored array by its name in a shard, or None if it does not exist."""
 
@@ -165,14 +154,7 @@ class Example:
         """Specification of the simulation: scene, radar, conditions, analysis and seed.
 
         It contains no distributions and is resolved on first use. Relative motion paths start from
-        the working folder; :meth:`Dataset.specification` accepts another folder.
-
-        Raises
-        ------
-        DatasetError
-            If the example was not simulated, or by a version of doppelgait that makes other bytes.
-        ConfigError
-            If a motion or preset file of the plan is missing.
+        the working folder; :meth:`Dataset.specification` accepts another folder, and raises the same errors.
         """
         if self.specify is None:
             raise DatasetError(f"{self.id}: has no specification; only examples of datasets and streams have one")

@@ -1,11 +1,13 @@
-"""Datasets in other forms: Parquet, CSV, WebDataset, Zarr, SigMF."""
+"""Datasets in other forms: Parquet, CSV, Hugging Face, WebDataset, Zarr, xarray, SigMF."""
 
 from __future__ import annotations
 
 import io
 import json
+import math
 import shutil
 import tarfile
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -27,7 +29,7 @@ from doppelgait.dataset.card import list_blocked_recordings
 from doppelgait.dataset.config import SPLITS, Progress, list_some
 from doppelgait.dataset.example import parse_unit, read_radar
 from doppelgait.dataset.lock import write_new_folder
-from doppelgait.dataset.open import Dataset, stack
+from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.shard_files import AXIS_UNITS, name_axis
 from doppelgait.radar.readers.sigmf import write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth
@@ -168,6 +170,10 @@ def make_file_name(example_id: str) -> str:
 VALUES = "_values"
 
 
+def _name_array(dataset: Dataset, field: str) -> str:
+    return f"{field}{VALUES}" if field in dataset.index else field
+
+
 class Csv(FrozenModel):
     """One CSV table without arrays."""
 
@@ -182,6 +188,12 @@ class Parquet(FrozenModel):
 
     kind: Literal["parquet"] = "parquet"
     rows_per_group: int = Field(default=100, ge=1, le=1_000_000)
+
+
+class HuggingFace(FrozenModel):
+    """Parquet files and a card that the package datasets reads."""
+
+    kind: Literal["huggingface"] = "huggingface"
 
 
 class WebDataset(FrozenModel):
@@ -204,6 +216,12 @@ class Zarr(FrozenModel):
     examples_per_file: int = Field(default=64, ge=1, le=1_000_000)
 
 
+class Xarray(FrozenModel):
+    """One Zarr group that xarray opens as one Dataset."""
+
+    kind: Literal["xarray"] = "xarray"
+
+
 class Sigmf(FrozenModel):
     """One SigMF recording per scene."""
 
@@ -221,45 +239,100 @@ def write_csv(dataset: Dataset, folder: Path, fields: Fields, parameters: Csv, d
 @plugin("exporter", parameters=Parquet, default=())
 def write_parquet(dataset: Dataset, folder: Path, fields: Fields, parameters: Parquet, done: Done) -> None:
     """Write one ``SPLIT.parquet`` per split: the index and all fields, ``FIELD_values`` with ``FIELD_shape``."""
+    _write_tables(dataset, folder, fields, parameters.rows_per_group, done)
+
+
+@plugin("exporter", parameters=HuggingFace)
+def write_huggingface(dataset: Dataset, folder: Path, fields: Fields, parameters: HuggingFace, done: Done) -> None:
+    """Write one ``SPLIT.parquet`` per split, arrays as nested lists, and ``README.md``, which names their features.
+    An array without values, of a target without a track, is null.
+    """
+    import pyarrow as pa
+
+    schemas = _write_tables(dataset, folder, fields, Parquet().rows_per_group, done, nested=True)
+    classes = {str(number): label for label, number in dataset.description["classes"].items()}
+    features: list[dict[str, Any]] = [{"name": "label", "dtype": {"class_label": {"names": classes}}}]
+    for column in pa.unify_schemas(list(schemas.values())):
+        kind, rank = column.type, 0
+        while pa.types.is_list(kind):
+            kind, rank = kind.value_type, rank + 1
+        name = {"double": "float64", "float": "float32"}.get(str(kind), str(kind))
+        feature: dict[str, Any] = {"dtype": name}
+        field = column.name.removesuffix(VALUES)
+        shapes = {dataset.shape(row, field) for row in range(len(dataset)) if rank > 1} - {None, (0, 0)}
+        if len(shapes) == 1:
+            shape = [*(shapes.pop() or ()), 2][:rank]  # complex numbers are pairs
+            feature, rank = {"dtype": {f"array{rank}_d": {"shape": shape, "dtype": name}}}, 0
+        for _ in range(rank):
+            feature = {"list": feature}
+        features += [{"name": column.name, **feature}] if column.name != "label" else []
+    card = dataset.directory / "README.md"
+    front, _, rest = (card.read_text(encoding="utf-8") if card.is_file() else "---\n").partition("configs:\n")
+    files = [{"split": split, "path": f"{split}.parquet"} for split in schemas]
+    # JSON is YAML
+    front += f"configs: {json.dumps([{'config_name': 'default', 'data_files': files}])}\n"
+    front += f"dataset_info: {json.dumps({'features': features})}\n---\n"
+    (folder / "README.md").write_text(front + rest.partition("---\n")[2], encoding="utf-8")
+
+
+def _write_tables(
+    dataset: Dataset, folder: Path, fields: Fields, rows_per_group: int, done: Done, *, nested: bool = False
+) -> dict[str, pa.Schema]:
+    # the schemas by split
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = flatten_index(dataset)
+    table, schemas = flatten_index(dataset), {}
     # use the whole index: a column that is empty in one split keeps its type
     schema = pa.Schema.from_pandas(table, preserve_index=False)
 
     def make_group(rows: npt.NDArray[np.int64]) -> pa.Table:
         group = pa.Table.from_pandas(table.iloc[rows], schema=schema, preserve_index=False)
-        for name, column in _make_array_columns(dataset, rows, fields).items():
+        for name, column in _make_array_columns(dataset, rows, fields, nested=nested).items():
             group = group.append_column(name, column)
         return _add_units(group, dataset)
 
-    size = parameters.rows_per_group if fields else len(table)
+    size = rows_per_group if fields else len(table)
     for split, rows in iterate_splits(dataset):
         groups = (make_group(rows[first : first + size]) for first in range(0, rows.size, size))
         first_group = next(groups)
+        schemas[split] = first_group.schema
         with pq.ParquetWriter(folder / f"{split}.parquet", first_group.schema, compression="zstd") as writer:
             for group in chain([first_group], groups):
                 writer.write_table(group)
                 done(len(group))
+    return schemas
 
 
-def _make_array_columns(dataset: Dataset, rows: npt.NDArray[np.int64], fields: Fields) -> dict[str, pa.ListArray]:
+def _make_array_columns(
+    dataset: Dataset, rows: npt.NDArray[np.int64], fields: Fields, *, nested: bool
+) -> dict[str, pa.ListArray]:
     import pyarrow as pa
 
     found = [read_arrays(dataset, int(row), fields) for row in rows] if fields else []
     columns: dict[str, Any] = {}
     for name in dict.fromkeys(name for arrays in found for name in arrays):
         values = [arrays.get(name, np.empty(0)) for arrays in found]
-        values = [  # complex numbers as pairs along a new last axis
-            np.ascontiguousarray(v)[..., None].view(v.real.dtype) if v.dtype.kind == "c" else v for v in values
-        ]
-        offsets = np.concatenate([[0], np.cumsum([v.size for v in values])]).astype(np.int32)
-        column = pa.ListArray.from_arrays(offsets, np.concatenate([v.ravel() for v in values]))
-        columns[f"{name}{VALUES}" if name in fields else name] = column
+        rank = len(dataset.description["fields"][name]["dims"]) if nested and name in fields else 1
+        if values[0].dtype.kind == "c":  # complex numbers as pairs along a new last axis
+            values = [np.ascontiguousarray(v)[..., None].view(v.real.dtype) for v in values]
+            rank += nested
+        kind = pa.from_numpy_dtype(values[0].dtype)
+        for _ in range(rank):
+            kind = pa.list_(kind)
+        if nested:
+            columns[_name_array(dataset, name)] = pa.array([_nest(v) for v in values], type=kind)
+            continue
+        columns[f"{name}{VALUES}" if name in fields else name] = pa.array([v.ravel() for v in values], type=kind)
         if name in fields:
             columns[f"{name}_shape"] = pa.array([v.shape for v in values], type=pa.list_(pa.int64()))
     return columns
+
+
+def _nest(values: npt.NDArray[Any]) -> Any:
+    if values.ndim == 1 and values.size:
+        return values
+    return [_nest(part) for part in values] if values.size else None
 
 
 def _add_units(table: pa.Table, dataset: Dataset) -> pa.Table:
@@ -267,13 +340,12 @@ def _add_units(table: pa.Table, dataset: Dataset) -> pa.Table:
     import pyarrow as pa
 
     fields = dataset.description["fields"]
-    shapes = {f"{name}_shape" for name in fields}
     columns = []
     for column in table.schema:
-        number = pa.types.is_floating(column.type) or (pa.types.is_list(column.type) and column.name not in shapes)
-        field = column.name.removesuffix(VALUES)
-        unit = fields[field]["units"] if field in fields and field != column.name else parse_unit(column.name)
-        columns.append(column.with_metadata({"unit": unit}) if number else column)
+        array = pa.types.is_list(column.type) and column.name.removesuffix("_shape") not in fields
+        stem = column.name.removesuffix(VALUES)
+        unit = fields[stem]["units"] if stem in fields and pa.types.is_list(column.type) else parse_unit(column.name)
+        columns.append(column.with_metadata({"unit": unit}) if array or pa.types.is_floating(column.type) else column)
     facts = json.dumps({"id": dataset.description["id"], "classes": dataset.description["classes"], "fields": fields})
     return table.cast(pa.schema(columns, metadata={**(table.schema.metadata or {}), b"doppelgait": facts.encode()}))
 
@@ -308,12 +380,7 @@ def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
 @plugin("exporter", parameters=Zarr)
 def write_zarr(dataset: Dataset, folder: Path, fields: Fields, parameters: Zarr, done: Done) -> None:
     """Write ``dataset.zarr`` with the groups ``SPLIT/index``, an array for every column, and ``SPLIT/FIELD``."""
-    try:
-        import zarr
-    except ImportError:
-        raise DatasetError("zarr is not installed; install it with pip install 'doppelgait[zarr]'") from None
-    table = flatten_index(dataset)
-    root = zarr.create_group(folder / "dataset.zarr", zarr_format=3)
+    root, table = _create_store(folder), flatten_index(dataset)
     for split, rows in iterate_splits(dataset):
         index = root.create_group(f"{split}/index")
         for name in table.columns:
@@ -321,17 +388,42 @@ def write_zarr(dataset: Dataset, folder: Path, fields: Fields, parameters: Zarr,
         for name in fields:
             group = root.create_group(f"{split}/{name}")
             if len({dataset.shape(int(row), name) for row in rows}) == 1:
-                _write_stacked(group, dataset, name, rows, parameters.examples_per_file)
+                _write_column(group, "id", table["id"].iloc[rows])
+                _write_stacked(group, dataset, name, rows, parameters.examples_per_file, name)
                 continue
             facts = dataset.description["fields"][name]
             for row in map(int, rows):
                 own = group.create_group(make_file_name(str(dataset.index["id"].iat[row])))
-                arrays = read_arrays(dataset, row, (name,))
-                for dim in facts["dims"]:
-                    if (axis := arrays.get(name_axis(name, dim) or "")) is not None:
-                        _write_whole(own, dim, axis, (dim,), COORDINATE_UNITS[dim])
-                _write_whole(own, name, arrays[name], tuple(facts["dims"]), facts["units"])
+                dims = tuple(_write_axis(own, dataset, name, dim, np.array([row])) for dim in facts["dims"])
+                _write_whole(own, name, dataset.array(name, row), dims, facts["units"])
         done(rows.size)
+
+
+@plugin("exporter", parameters=Xarray, least=1)
+def write_xarray(dataset: Dataset, folder: Path, fields: Fields, parameters: Xarray, done: Done) -> None:
+    """Write ``dataset.zarr``, one group: fields (example, ...) with their axes; columns are coordinates.
+    Shorter arrays, and those of a target without a track, are filled with NaN.
+    """
+    root, table = _create_store(folder), flatten_index(dataset)
+    import zarr
+
+    rows, named = np.arange(len(dataset)), {name: _name_array(dataset, name) for name in fields}
+    for column in table.columns:
+        _write_column(root, str(column), table[column])
+    for field, name in named.items():
+        _write_stacked(root, dataset, field, rows, Zarr().examples_per_file, name)
+    root.attrs["coordinates"] = " ".join(sorted(set(root) - set(named.values())))
+    with warnings.catch_warnings(action="ignore"):  # version 3 of the format does not specify it yet
+        zarr.consolidate_metadata(root.store)
+    done(len(dataset))
+
+
+def _create_store(folder: Path) -> Any:
+    try:
+        import zarr
+    except ImportError:
+        raise DatasetError("zarr is not installed; install it with pip install 'doppelgait[zarr]'") from None
+    return zarr.create_group(folder / "dataset.zarr", zarr_format=3)
 
 
 def _write_column(group: Any, name: str, values: pd.Series[Any]) -> None:
@@ -344,34 +436,54 @@ def _write_column(group: Any, name: str, values: pd.Series[Any]) -> None:
 
 
 def _write_stacked(
-    group: Any, dataset: Dataset, field: str, rows: npt.NDArray[np.int64], examples_per_file: int
+    group: Any, dataset: Dataset, field: str, rows: npt.NDArray[np.int64], examples_per_file: int, name: str
 ) -> None:
-    _write_column(group, "id", dataset.index["id"].iloc[rows])
     facts = dataset.description["fields"][field]
-    for dim in facts["dims"]:
-        name = name_axis(field, dim)
-        axes: list[Any] = [] if name is None else [dataset.stored(int(row), name) for row in rows]
-        if not axes or any(values is None for values in axes):
-            continue  # scatterers have no axis
-        if all(np.array_equal(values, axes[0]) for values in axes):
-            _write_whole(group, dim, axes[0], (dim,), COORDINATE_UNITS[dim])
-        else:
-            _write_whole(group, f"{dim}_{AXIS_UNITS[dim]}", np.stack(axes), ("example", dim), COORDINATE_UNITS[dim])
+    shapes = [shape for row in rows if math.prod(shape := dataset.shape(int(row), field) or (0,))]
+    shape = tuple(np.max([[1] * len(facts["dims"]), *shapes], axis=0).tolist())
+    dims = [_write_axis(group, dataset, field, dim, rows) for dim in facts["dims"]]
     target: Any = None
     for first in range(0, rows.size, examples_per_file):
-        block = stack(dataset, field, rows[first : first + examples_per_file])
+        arrays = [dataset.array(field, int(row)) for row in rows[first : first + examples_per_file]]
+        block = np.stack([_pad(values, shape) for values in arrays])
         if target is None:
-            shape = block.shape[1:]
             target = group.create_array(
-                field,
+                name,
                 shape=(rows.size, *shape),
                 dtype=block.dtype,
                 chunks=(1, *shape),
                 shards=(examples_per_file, *shape),
-                dimension_names=("example", *facts["dims"]),
+                dimension_names=("example", *dims),
                 attributes={"units": facts["units"]},
             )
         target[first : first + len(block)] = block
+
+
+def _write_axis(group: Any, dataset: Dataset, field: str, dim: str, rows: npt.NDArray[np.int64]) -> str:
+    # its name: with the field if another field has other values
+    stored = name_axis(field, dim)
+    axes = [None if stored is None else dataset.stored(int(row), stored) for row in rows]
+    known = [values for values in axes if values is not None and values.size]
+    if not known:
+        return dim  # scatterers have no axis
+    dims: tuple[str, ...] = (dim,)
+    name, whole = dim, known[0]
+    if not all(np.array_equal(values, whole) for values in known):
+        size = max(values.size for values in known)
+        whole = np.stack([_pad(np.empty(0) if values is None else values, (size,)) for values in axes])
+        name, dims = f"{dim}_{AXIS_UNITS[dim]}", ("example", dim)
+    if name in group and np.array_equal(group[name][:], whole, equal_nan=True):
+        return dim
+    prefix = f"{field}_" if {dim, f"{dim}_{AXIS_UNITS[dim]}"} & set(group) else ""
+    _write_whole(group, prefix + name, whole, (*dims[:-1], prefix + dim), COORDINATE_UNITS[dim])
+    return prefix + dim
+
+
+def _pad(values: npt.NDArray[Any], shape: tuple[int, ...]) -> npt.NDArray[Any]:
+    padded = np.full(shape, np.nan, values.dtype)
+    if values.size:
+        padded[tuple(map(slice, values.shape))] = values
+    return padded
 
 
 def _write_whole(group: Any, name: str, values: Any, dims: tuple[str, ...], unit: str | None = None) -> None:

@@ -22,7 +22,7 @@ from doppelgait.core.config import apply_overrides, read_toml
 from doppelgait.core.documents import read_document
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.files import hash_file, list_files
-from doppelgait.dataset.config import SPLITS, list_some, parse_gate
+from doppelgait.dataset.config import SPLITS, list_some, parse_gate, suggest_names
 from doppelgait.pipeline.pictures import SETTINGS_NAME, SUFFIXES, find_settings_file, is_picture
 from doppelgait.processing.gate import GateChoice
 from doppelgait.radar.readers.dca1000 import find_config
@@ -47,10 +47,8 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
             raise ConfigError(f"{pattern!r} is not a pattern: {error}; ** must stand alone between slashes") from None
     if not found:
         place = (folder / name).parent
-        names = sorted(path.name for path in (place if os.path.isdir(place) else folder).iterdir())
-        close = get_close_matches(Path(name).name, names, n=3, cutoff=0.6)
-        hint = f"; near in spelling: {', '.join(close)}" if close else f"; it contains {len(names)} other recordings"
-        raise ConfigError(f"{pattern!r}: is not in {folder}{hint}")
+        names = (path.name for path in (place if os.path.isdir(place) else folder).iterdir())
+        raise ConfigError(f"{pattern!r}: is not in {folder}{suggest_names(Path(name).name, names)}")
     recordings = set()
     for path in found:  # use the main file of the recording, whichever of its files was named
         for main, other in PAIRS:

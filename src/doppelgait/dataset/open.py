@@ -21,7 +21,7 @@ from doppelgait.core.errors import DatasetError, explain_memory
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.rng import RandomSource, Streams, as_generator
-from doppelgait.dataset.config import SPLITS, PlanConfig
+from doppelgait.dataset.config import SPLITS, PlanConfig, suggest_names
 from doppelgait.dataset.example import (
     Example,
     Features,
@@ -30,7 +30,6 @@ from doppelgait.dataset.example import (
     find_plan_place,
     label_arrays,
     read_carrier_hz,
-    suggest_names,
 )
 from doppelgait.dataset.finish import DATASET, read_description
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example

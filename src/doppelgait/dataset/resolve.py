@@ -282,13 +282,6 @@ def store_radar_files(plan: PlanConfig, folder: Path) -> PlanConfig:
     return plan if radar == plan.radar else plan.model_copy(update={"radar": radar})
 
 
-def list_radar_files(radar: Mapping[str, Any]) -> list[str | RadarFile]:
-    """List the radar files of a ``[radar]`` table."""
-    found: list[str | RadarFile] = []
-    replace_radar_files(radar, found.append)
-    return found
-
-
 def replace_radar_files(
     value: Any, change: Callable[[Any], Any] = lambda named: named, *, in_preset: bool = False
 ) -> Any:

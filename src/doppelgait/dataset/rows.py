@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import ast
-import operator
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import Any, Literal
 
 import numpy as np
@@ -16,7 +14,7 @@ import xarray as xr
 
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.rng import Streams
-from doppelgait.dataset.example import suggest_names
+from doppelgait.dataset.config import suggest_names
 from doppelgait.dataset.shard_files import MAX_OPEN
 from doppelgait.processing.patches import Levels, Patch, cut, levels_of
 
@@ -103,18 +101,10 @@ def balanced_weights(counts: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
 
 
 MAX_LENGTH = 10_000
-OPERATORS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-}
+LOGIC = (ast.And, ast.Or, ast.BitAnd, ast.BitOr, ast.Not, ast.Invert)
+ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.USub)
+COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.In, ast.NotIn)
+EXPRESSIONS = (ast.Name, ast.Load, ast.Compare, ast.BoolOp, ast.BinOp, ast.UnaryOp)
 ALLOWED = (
     "allowed are columns, numbers, texts, lists, comparisons (== != < <= > >= in, not in), + - * "
     "/, and, or, not, & | ~ and brackets"
@@ -126,73 +116,50 @@ def select_rows(index: pd.DataFrame, query: str) -> npt.NDArray[np.bool_]:
     try:
         if len(query) > MAX_LENGTH:
             raise ValueError(f"has {len(query)} characters, allowed are {MAX_LENGTH}")
-        found = _evaluate_value(ast.parse(query.strip(), mode="eval").body, index)
+        tree = ast.parse(query.strip(), mode="eval").body
+        _check_query(tree, index)
+        found = index.eval(ast.unparse(_Words().visit(tree)), engine="python")
     except DatasetError as error:
         raise DatasetError(f"select {query!r}: {error}") from None
     except SyntaxError as error:
         raise DatasetError(f"select {query[:200]!r}: is no query: {error.msg}; {ALLOWED}") from None
-    except (ValueError, TypeError, ArithmeticError, RecursionError, MemoryError) as error:
+    except (ValueError, TypeError, ArithmeticError, RecursionError, MemoryError, NotImplementedError) as error:
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise DatasetError(f"select {query[:200]!r}: is no query: {reason}") from None
-    if not _is_condition(found):
+    if not (isinstance(found, pd.Series) and pd.api.types.is_bool_dtype(found)):
         raise DatasetError(f'select {query!r}: is no condition; compare columns, as in "snr_frame_db > 10"')
     return np.asarray(found.fillna(False).to_numpy(dtype=bool))
 
 
-def _is_condition(value: Any) -> bool:
-    return isinstance(value, pd.Series) and pd.api.types.is_bool_dtype(value)
+class _Words(ast.NodeTransformer):
+    """``and`` and ``or`` for ``&`` and ``|``, which pandas reads with their precedence."""
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        self.generic_visit(node)
+        words = {ast.BitAnd: ast.And, ast.BitOr: ast.Or}.get(type(node.op))
+        return node if words is None else ast.BoolOp(words(), [node.left, node.right])
 
 
-def _evaluate_value(node: ast.expr, index: pd.DataFrame) -> Any:
-    match node:
-        case ast.Name(id=name):
-            if name not in index.columns:
+def _check_query(tree: ast.expr, index: pd.DataFrame) -> None:
+    """Refuse everything but columns, plain values and their operators, so that pandas runs no code."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name) if name not in index.columns:
                 raise DatasetError(f"no column {name!r}{suggest_names(name, map(str, index.columns))}")
-            return index[name]
-        case ast.Constant(value=bool() | int() | float() | str() as value):
-            return value
-        case ast.List(elts=parts) | ast.Tuple(elts=parts):
-            return [_evaluate_value(part, index) for part in parts]
-        case ast.BoolOp(op=joint, values=parts):
-            join = operator.and_ if isinstance(joint, ast.And) else operator.or_
-            return reduce(join, [_evaluate_condition(part, index) for part in parts])
-        case ast.BinOp(op=ast.BitAnd() | ast.BitOr() as joint, left=left, right=right):
-            join = operator.and_ if isinstance(joint, ast.BitAnd) else operator.or_
-            return join(_evaluate_condition(left, index), _evaluate_condition(right, index))
-        case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=part):
-            return ~_evaluate_condition(part, index)
-        case ast.UnaryOp(op=ast.USub(), operand=part):
-            return -_number(part, index)
-        case ast.BinOp(op=sign, left=left, right=right) if type(sign) in OPERATORS:
-            return OPERATORS[type(sign)](_number(left, index), _number(right, index))
-        case ast.Compare(left=left, ops=signs, comparators=parts):
-            values = [_evaluate_value(part, index) for part in (left, *parts)]
-            pairs = zip(values, signs, values[1:], strict=False)
-            return reduce(operator.and_, [_compare(one, sign, two) for one, sign, two in pairs])
-    raise DatasetError(f"{ast.unparse(node)[:60]!r} is not allowed; {ALLOWED}")
-
-
-def _compare(one: Any, sign: ast.cmpop, two: Any) -> Any:
-    if isinstance(sign, ast.In | ast.NotIn):
-        if not isinstance(one, pd.Series) or not isinstance(two, list) or any(isinstance(v, pd.Series) for v in two):
-            raise DatasetError("in needs a column before it and a list of values behind it")
-        return one.isin(two) ^ isinstance(sign, ast.NotIn)
-    if type(sign) not in OPERATORS or isinstance(one, list) or isinstance(two, list):
-        raise DatasetError(f"a comparison is not allowed; {ALLOWED}")
-    return OPERATORS[type(sign)](one, two)
-
-
-def _evaluate_condition(node: ast.expr, index: pd.DataFrame) -> Any:
-    value = _evaluate_value(node, index)
-    if not _is_condition(value):
-        raise DatasetError(f"{ast.unparse(node)[:60]!r} is no condition; compare it with something")
-    return value
-
-
-def _number(node: ast.expr, index: pd.DataFrame) -> Any:
-    value = _evaluate_value(node, index)
-    if isinstance(value, pd.Series) and pd.api.types.is_numeric_dtype(value):
-        return value.astype(np.float64)
-    if isinstance(value, int | float):
-        return float(value)
-    raise DatasetError(f"{ast.unparse(node)[:60]!r} is no number")
+            case ast.Compare(left=left, ops=signs, comparators=parts):
+                lists = [isinstance(part, ast.List | ast.Tuple) for part in (left, *parts)]
+                if lists != [False, *(isinstance(sign, ast.In | ast.NotIn) for sign in signs)]:
+                    raise DatasetError("in needs a column before it and a list of values behind it")
+            case ast.BinOp(op=sign) | ast.UnaryOp(op=sign) if isinstance(sign, ARITHMETIC):
+                for part in ast.iter_child_nodes(node):
+                    if isinstance(part, ast.Name) and not pd.api.types.is_numeric_dtype(index.get(part.id, [])):
+                        raise DatasetError(f"{part.id!r} is no number")
+                    if isinstance(part, ast.List | ast.Tuple) or isinstance(getattr(part, "value", 0), str):
+                        raise DatasetError(f"{ast.unparse(part)[:60]!r} is no number")
+            case ast.List(elts=parts) | ast.Tuple(elts=parts) if all(isinstance(v, ast.Constant) for v in parts):
+                pass
+            case ast.Constant(value=bool() | int() | float() | str()):
+                pass
+            case _ if not isinstance(node, (*EXPRESSIONS, *COMPARISONS, *ARITHMETIC, *LOGIC)):
+                words = ast.unparse(node)[:60] or type(node).__name__
+                raise DatasetError(f"{words!r} is not allowed; {ALLOWED}")

@@ -44,11 +44,10 @@ def snr_mu_db(signature: Signal, floor_v2: float) -> float:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> round(dg.features.snr_mu_db(result.signature, result.quality["noise_floor_v2"]))
-    57
+    22
     """
     return compute_snr_db(strongest_cells_v2(signature), floor_v2)
 
@@ -76,8 +75,7 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait.pipeline.target import observe
     >>> observed = observe(result.signature, result.analysis)

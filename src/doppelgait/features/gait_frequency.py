@@ -138,8 +138,7 @@ def estimate_gait_frequency(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait.pipeline.target import observe
     >>> observed = observe(result.signature, result.analysis)

@@ -45,8 +45,7 @@ def harmonic_ratio(spectrum: Signal, frequency_hz: float, harmonic: int) -> floa
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> round(dg.features.harmonic_ratio(result.cadence_spectrum, result.gait_frequency_hz, 2), 1)
     2.0
@@ -113,8 +112,7 @@ def limb_torso_ratio(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait.pipeline.target import observe
     >>> observed = observe(result.signature, result.analysis)

@@ -221,13 +221,12 @@ def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = Non
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> rows = dg.processing.detrend(dg.processing.normalise(result.signature, 0.0), order=3)
     >>> diagram = dg.processing.cadence_map(rows)
     >>> round(float(diagram.sum("doppler").idxmax("cadence")), 1)  # gait frequency, Hz
-    1.7
+    1.8
     """
     weights, length, cadence_hz = _weigh_columns(rows, padded=padded, tapered=tapered)
     magnitude = compute_magnitudes(rows.values, weights, length, cadence_hz.size)
@@ -317,12 +316,11 @@ def cadence_spectrum(step_doppler: Signal, *, power: bool = True) -> Signal:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> spectrum = dg.processing.cadence_spectrum(result.cadence_map)
     >>> round(float(spectrum.idxmax("cadence")), 1)  # gait frequency, Hz
-    1.7
+    1.8
     """
     values = step_doppler.values
     summed = np.einsum("qk,qk->q", values, values) if power else values.sum(axis=1)

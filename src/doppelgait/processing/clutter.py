@@ -93,8 +93,7 @@ def remove_static_clutter(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> cleaned = dg.processing.remove_static_clutter(recording.baseband, kind="mean")
     >>> left = abs(cleaned.mean("slow_time")).max() / abs(recording.baseband.mean("slow_time")).max()
     >>> round(float(left), 3)  # share of the static echoes that is left
@@ -334,8 +333,7 @@ def measure_share_removed(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> gate = dg.Gate.around([0.0, 3.0], [6.8, 3.2], span_m=1.5)
     >>> cleaned = dg.processing.remove_clutter(recording.baseband, dg.Analysis(clutter="mean"))
     >>> share = dg.processing.measure_share_removed(recording.baseband, cleaned, gate)

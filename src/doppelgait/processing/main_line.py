@@ -60,12 +60,11 @@ def main_line_hz(signature: Signal, *, order: int, tapered: bool = False) -> Flo
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> line_hz = dg.processing.main_line_hz(result.signature, order=1)
     >>> round(float(line_hz.mean()))  # Doppler of the torso, Hz
-    53
+    59
     """
     peaks_hz = find_column_peaks(signature)[1]
     return fit_line(peaks_hz, bin_width_hz(signature), signature.counted, order=order, tapered=tapered)
@@ -138,8 +137,7 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> aligned = dg.processing.align(result.signature, result.main_line_hz)
     >>> round(float(aligned.sum("time").idxmax("doppler")))  # the torso is near 0 Hz

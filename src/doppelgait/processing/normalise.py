@@ -128,8 +128,7 @@ def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum"
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> floor_v2 = dg.processing.noise_floor_v2(result.signature)
     >>> normalised = dg.processing.normalise(result.signature, floor_v2)

@@ -69,14 +69,13 @@ def range_doppler(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> maps = dg.processing.range_doppler(
     ...     recording.baseband, dg.Analysis(), wavelength_m=recording.radar.wavelength_m
     ... )
     >>> power = abs(next(maps)).isel(time=0) ** 2
     >>> round(float(power.max("doppler").idxmax("range")), 1)  # range of the strongest cell, m
-    6.6
+    1.9
     """
     frames = Frames.of(baseband)
     transform, times_s, doppler_hz = plan_columns(frames.slow_time, analysis)
@@ -156,14 +155,13 @@ def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelen
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> gate = dg.Gate.fixed(0.5, 5.0, time_s=[0.0, 3.0])
     >>> signature = dg.processing.signature(
     ...     recording.baseband, gate, dg.Analysis(), wavelength_m=recording.radar.wavelength_m
     ... )
     >>> round(float(signature.sum("time").idxmax("doppler")))  # strongest Doppler, Hz
-    48
+    55
     """
     return compute_signature(Frames.of(baseband), gate, analysis, wavelength_m=wavelength_m).label()
 
@@ -432,11 +430,10 @@ def decimate(signature: Signal) -> Signal:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth", analysis=dg.Analysis(hop=1))[0]
     >>> result.signature.sizes["time"], dg.processing.decimate(result.signature).sizes["time"]
-    (1856, 372)
+    (3900, 488)
     """
     every = find_lossless_hop(signature.attrs["cpi_pulses"]) // signature.attrs["hop"]
     if every <= 1:

@@ -131,10 +131,9 @@ class Recording:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> recording.n_pulses, recording.radar.prf_hz, recording.radar.n_range_bins
-    (1920, 640.0, 188)
+    (4000, 1000.0, 188)
     """
 
     samples: Samples

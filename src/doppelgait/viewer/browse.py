@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -125,7 +124,8 @@ class Browser:
         found = filters.rows(self.columns)
         known = found[np.isfinite(self.columns.numbers(x)[found]) & np.isfinite(self.columns.numbers(y)[found])]
         numbers = self._class_numbers
-        chosen = choose_evenly(known, numbers[known], self._lots[known], MOST_POINTS)
+        lots = np.random.default_rng(0).permutation(len(self.dataset))  # always the same
+        chosen = choose_evenly(known, numbers[known], lots[known], MOST_POINTS)
         facts = {
             "x": self.columns.facts(x),
             "y": self.columns.facts(y),
@@ -183,11 +183,6 @@ class Browser:
         elif descending:
             found = found[::-1]
         return filters, parameters, found, offset, found[offset : offset + limit]
-
-    @cached_property
-    def _lots(self) -> npt.NDArray[np.int64]:
-        """Random rank of every row, always the same."""
-        return np.random.default_rng(0).permutation(len(self.dataset))
 
     @property
     def _class_numbers(self) -> npt.NDArray[np.int64]:

@@ -14,7 +14,8 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.dataset.example import parse_unit, suggest_names
+from doppelgait.dataset.config import suggest_names
+from doppelgait.dataset.example import parse_unit
 from doppelgait.viewer.settings import Pairs, parse_number
 
 NOT_OFFERED = (

@@ -19,8 +19,9 @@ from doppelgait.core.config import convert_to_json
 from doppelgait.core.draws import resolve
 from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset import Dataset, Example, PlanConfig
-from doppelgait.dataset.example import find_plan_number, suggest_names
-from doppelgait.dataset.resolve import find_class, list_radar_files, resolve_example
+from doppelgait.dataset.config import suggest_names
+from doppelgait.dataset.example import find_plan_number
+from doppelgait.dataset.resolve import find_class, replace_radar_files, resolve_example
 from doppelgait.dataset.shard import make_truth_columns
 from doppelgait.dataset.windows import cut_windows
 from doppelgait.features import FEATURE_UNITS, GaitFeatures
@@ -64,9 +65,11 @@ def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
     if plan.classes:
         seed, motion = plan.dataset.seed, plan.classes[place].motion
         motions = resolve(motion, seed=seed, example=number, key="motion", turn=turn)
+    radars: list[Any] = []
+    replace_radar_files(plan.radar, radars.append)
     named = [
         *_find_motion_files([motions, plan.companions, plan.background]),
-        *[(file, "preset") for file in list_radar_files(plan.radar) if isinstance(file, str)],
+        *[(file, "preset") for file in radars if isinstance(file, str)],
     ]
     for name, start in named:
         if folder is None:

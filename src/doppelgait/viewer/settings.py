@@ -24,7 +24,7 @@ def parse_parameters(query: Pairs, allowed: Collection[str]) -> dict[str, str]:
         if not allowed:
             raise ConfigError(f"{key!r} is not known here: this address takes no parameters")
         if key not in allowed:
-            from doppelgait.dataset.example import suggest_names
+            from doppelgait.dataset.config import suggest_names
 
             hint = suggest_names(key, list(allowed))
             raise ConfigError(f"{key!r} is not known here{hint}; allowed are {', '.join(allowed)}")

@@ -54,8 +54,7 @@ def overview(recording: Any, result: Any = None, *, title: str | None = None, **
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> results = dg.analyze(recording, gate="truth")
     >>> figure = dg.viz.overview(recording, results[0])
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()

@@ -82,8 +82,7 @@ def range_time(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> figure = dg.viz.range_time(recording.baseband)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Range against time', 'time (s)')
@@ -146,8 +145,7 @@ def range_doppler_map(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> maps = dg.processing.range_doppler(
     ...     recording.baseband, dg.Analysis(), wavelength_m=recording.radar.wavelength_m
     ... )
@@ -218,8 +216,7 @@ def signature(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> figure = dg.viz.signature(result.signature)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
@@ -321,8 +318,7 @@ def signature_normalisation(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> figure = dg.viz.signature_normalisation(
     ...     result.signature, normalised=dg.processing.normalise(result.signature, 0.0)

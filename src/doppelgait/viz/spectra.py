@@ -69,8 +69,7 @@ def cadence_spectrum(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> figure = dg.viz.cadence_spectrum(result.cadence_spectrum)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
@@ -242,8 +241,7 @@ def cadence_map(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> figure = dg.viz.cadence_map(result.cadence_map)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()

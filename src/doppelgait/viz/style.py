@@ -232,8 +232,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None, s
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> dg.viz.save_figure(dg.viz.signature(result.signature), "signature.png").name
     'signature.png'

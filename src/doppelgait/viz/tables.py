@@ -235,8 +235,7 @@ def contact_sheet(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> figure = dg.viz.contact_sheet([result.signature], titles=["human"])
     >>> figure.axes[0].get_title(loc="left")

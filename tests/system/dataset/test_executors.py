@@ -244,7 +244,7 @@ def test_a_lost_dask_scheduler_is_one_error_and_the_rest_is_built_later(tmp_path
     for worker in workers:
         worker.kill()
         worker.wait(processes.LIMIT_S)
-    assert read_dataset_status(tmp_path / "d").count("done") >= 1
+    assert "done" in read_dataset_status(tmp_path / "d").shards.values()
     report = build_dataset(tiny_plan(), tmp_path / "d", executor="serial")
     assert report.n_reused >= 3
     check_whole(tmp_path / "d", reference)

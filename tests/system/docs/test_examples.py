@@ -8,6 +8,7 @@ import shutil
 import sys
 import tomllib
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,13 @@ from doppelgait.classify.alarm import load_day
 from doppelgait.cli.app import app
 from doppelgait.core import plugins
 from doppelgait.core.config import write_toml
+from doppelgait.viz import objects  # noqa: F401  registers what plot() draws, for all pages
 
 DOCS = ROOT / "docs"
 PAGES = [DOCS / "start.md", *sorted((DOCS / "howto").glob("*.md"))]
 BLOCK = re.compile(r"(?:^<!-- (?P<mark>[^\n]*) -->\n)?^```(?P<language>\w+)\n(?P<text>.*?)^```$", re.M | re.S)
+NEEDS = re.compile(r"(?<=[:,] )\w+(?=,|$)")
+"""Packages of a mark ``needs: torch, lightning``; without them its block is left out."""
 SMALLER = {"examples_per_class": "16"}
 """What makes the pages' datasets quick; the pages say how many a reader gets."""
 
@@ -80,7 +84,7 @@ def run_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
                 place = Path(mark.removeprefix("file: "))
                 place.parent.mkdir(parents=True, exist_ok=True)
                 place.write_text(re.sub(r"(examples_per_class = )\d+", rf"\g<1>{SMALLER['examples_per_class']}", text))
-            elif mark.startswith("not run: ") or language == "text":
+            elif mark.startswith("not run: ") or language == "text" or not all(map(find_spec, NEEDS.findall(mark))):
                 continue
             elif language == "python":
                 exec(compile(text, "block", "exec", dont_inherit=True), namespace)

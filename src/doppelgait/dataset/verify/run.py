@@ -24,7 +24,6 @@ from doppelgait.dataset.finish import (
 )
 from doppelgait.dataset.verify import integrity, truth
 from doppelgait.dataset.verify.contents import Check, Contents, Verification, read_plan
-from doppelgait.dataset.verify.duplicates import check_duplicates, check_groups
 from doppelgait.dataset.verify.leakage import check_nuisance
 from doppelgait.features import FEATURE_UNITS
 
@@ -47,8 +46,8 @@ CHECKS: tuple[tuple[str, Callable[[Contents], Check], tuple[Need, ...]], ...] = 
     ("aspect", truth.check_aspect, ("rows", "plan")),
     ("visible targets", truth.check_visible_targets, ("rows", "simulated")),
     ("feasibility", truth.check_feasibility, ("rows", "simulated")),
-    ("groups", check_groups, ("rows",)),
-    ("duplicates", check_duplicates, ("rows",)),
+    ("groups", integrity.check_groups, ("rows",)),
+    ("duplicates", integrity.check_duplicates, ("rows",)),
     ("nuisance", check_nuisance, ("rows",)),
 )
 """Name and function of every check, and what it needs."""

@@ -69,11 +69,10 @@ def find_scans(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> scans = dg.processing.find_scans(recording.baseband, wavelength_m=recording.radar.wavelength_m)
     >>> [round(body.range_m, 1) for body in scans[10].detections]  # ranges of the bodies, m
-    [5.4]
+    [3.5, 6.0]
     """
     frames = Frames.of(baseband).find_bursts()
     return detect_bodies(frames, settings or Detector(), wavelength_m=wavelength_m, in_phase=in_phase)

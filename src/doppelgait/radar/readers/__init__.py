@@ -119,13 +119,12 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording = dg.data.sample()
     >>> dg.radar.write_recording(recording, "walk.h5")
     >>> dg.radar.write_arrays(recording, "walk.npz")
     >>> dg.radar.write_sigmf(recording, "walk.sigmf-data")
     >>> [dg.radar.read_recording(f"walk.{suffix}").n_pulses for suffix in ("h5", "npz", "sigmf-data")]
-    [1920, 1920, 1920]
+    [4000, 4000, 4000]
     """
     file = Path(path)
     if not file.name:  # "." has no name for finding the other files of a recording

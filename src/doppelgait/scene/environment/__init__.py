@@ -24,11 +24,8 @@ from doppelgait.scene.environment.effects import (
     Visibility,
     Wall,
     WallGhost,
-    apply_ground_bounce,
-    apply_screen,
     apply_visibility,
     apply_wall,
-    apply_wall_ghost,
 )
 from doppelgait.scene.environment.materials import MATERIALS, Dielectric, Material, relative_permittivity
 
@@ -46,11 +43,8 @@ __all__ = [
     "Wall",
     "WallGhost",
     "apply_environment",
-    "apply_ground_bounce",
-    "apply_screen",
     "apply_visibility",
     "apply_wall",
-    "apply_wall_ghost",
     "make_effect",
     "needs_angles",
     "relative_permittivity",

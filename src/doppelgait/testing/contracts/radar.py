@@ -207,8 +207,7 @@ def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
     >>> import doppelgait as dg
     >>> from pathlib import Path
     >>> Path("walks").mkdir()
-    >>> scene = dg.Scene([dg.Target("boulic")], duration_s=1.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4"))
+    >>> recording = dg.data.sample()
     >>> dg.radar.write_recording(recording, "walks/walk.h5")
     >>> dg.testing.check_radar_reader("doppelgait", "walks/walk.h5")
     """
@@ -287,8 +286,7 @@ def check_radar_writer(name: str, recording: Recording, *, rtol: float = 1e-6, *
     each time, an ``OutputError`` and no file where it cannot write.
 
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target("boulic")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4"))
+    >>> recording = dg.data.sample()
     >>> dg.testing.check_radar_writer("sigmf", recording)
     """
     from doppelgait.core.errors import OutputError
