@@ -154,6 +154,14 @@ def test_an_empty_list_says_that_something_keeps_its_place():
     assert re.search(r"[0-9]+ of [0-9]+ scans have detections", found.reason), found.reason
 
 
+@pytest.mark.parametrize("kind", ["boulic", "quadruped", "curtain"])
+def test_an_empty_list_says_that_the_sign_of_doppler_is_wrong(kind):
+    made = simulate(Scene([Target(kind, range_m=3.0)], duration_s=4.0), RADAR, rng=rng(4), snr_db=20.0)
+    turned = made.with_baseband(made.baseband.copy(data=made.baseband.values.conj()))
+    assert ("give conjugate=true" in analyze(turned).reason) == (kind != "curtain")
+    assert "give conjugate=true" not in analyze(made).reason
+
+
 def test_an_empty_list_says_that_frames_are_too_few():
     made = simulate(Scene([], duration_s=12.0), Radar.preset("x4-17fps"), rng=rng(1))
     with pytest.warns(DoppelgaitWarning, match="only people who keep still"):

@@ -41,6 +41,7 @@ from doppelgait.processing.track import Track, Tracker, split_tracks, track
 from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
 from doppelgait.radar import Radar
 
+OTHER_SIGN = "of a body whose range and Doppler contradict each other: give conjugate=true"
 NEAR_M = 1.0  # distance between a breath and a track below which both are of the same body
 LEAST_RANGE_M = 0.01
 LOST_SHARE = 0.02
@@ -160,15 +161,11 @@ def _analyze_without_range(frames: Frames, wavelength_m: float, analysis: Analys
     )
 
 
-OTHER_SIGN = "of a body whose range and Doppler contradict each other: the sign of Doppler is wrong (conjugate=true)"
-
-
 def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength_m: float, tracking: Tracking) -> str:
     if scans is None:
         return f"moving bodies cannot be detected at {raw.slow_time.rate_hz:.3g} frames/s"
     detector, tracker = tracking.detector, tracking.tracker
-    hits = sum(bool(scan.detections) for scan in scans)
-    seen = f"{hits} of {len(scans)} scans have detections"
+    seen = f"{sum(bool(scan.detections) for scan in scans)} of {len(scans)} scans have detections"
     span_mps = wavelength_m * raw.slow_time.rate_hz / 2
     still = tracker.model_copy(update={"still_travel_m": 0.0})
     if track([_mirror(scan) for scan in scans], tracker, velocity_span_mps=span_mps):
@@ -194,8 +191,8 @@ def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength
         best = max(best, (float(snr[scan, doppler, number]), place))
     return (
         f"{seen}, and never {tracker.confirm_hits} of {tracker.confirm_scans} consecutive scans at one place: the "
-        f"strongest cell faster than {detector.slow_mps:g} m/s is {10.0 * math.log10(best[0]):.1f} dB above the noise "
-        f"({best[1]}), and a body needs {10.0 * math.log10(noise_factor(detector.peak_pfa)):.1f} dB"
+        f"strongest cell faster than {detector.slow_mps:g} m/s is {10.0 * math.log10(best[0]):.1f} dB "
+        f"above the noise ({best[1]}), and a body needs {10.0 * math.log10(noise_factor(detector.peak_pfa)):.1f} dB"
     )
 
 
