@@ -64,7 +64,9 @@ class _Graph:
         """Add a trained model; return its log-probabilities in double precision."""
         match learned:
             case Constant():
-                return self.add_shares(learned)
+                count = self.add("Slice", self.add("Shape", self.add_features()), [0], [1])
+                shape = self.add("Concat", count, [learned.log_share.size], axis=0)
+                return self.add("Expand", learned.log_share, shape)
             case Linear():
                 return self.add_linear(learned)
             case Trees():
@@ -89,10 +91,6 @@ class _Graph:
             raise ConfigError(f"the model {self.model.facts.name} has no inputs; there is nothing to export")
         self.inputs[FEATURES] = ["n", len(self.model.facts.names)]
         return FEATURES
-
-    def add_shares(self, learned: Constant) -> str:
-        count = self.add("Slice", self.add("Shape", self.add_features()), [0], [1])
-        return self.add("Expand", learned.log_share, self.add("Concat", count, [learned.log_share.size], axis=0))
 
     def add_linear(self, learned: Linear) -> str:
         double = self.onnx.TensorProto.DOUBLE
