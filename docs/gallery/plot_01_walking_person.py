@@ -13,7 +13,7 @@ from doppelgait import viz
 
 # %%
 # **Motion.** A motion is named points of a body over time, in metres, z up. This one is a person whose joints, arms and
-# trunk move as measured ones do. For a motion-capture file, use ``dg.motion.read("walk.c3d")``; the rest stays the same.
+# trunk move as measured ones do. A motion-capture file is read by ``dg.motion.read("walk.c3d")``; the rest is the same.
 
 walk = dg.motion.human_gait(speed_mps=1.2, height_m=1.75, duration_s=4.0)
 figure = viz.stick_frames(walk)
@@ -26,7 +26,7 @@ scene = dg.Scene(targets=[dg.Target(walk, label="human", range_m=5.0)], radar_po
 scene.plot()
 
 # %%
-# **Simulation.** Thermal noise is drawn from ``rng``. As the last line of a cell, an object shows its values and picture.
+# **Simulation.** Thermal noise is drawn from ``rng``. As the last line of a cell, an object shows values and a picture.
 
 recording = dg.simulate(scene, "x4", rng=dg.rng(2018))
 recording

@@ -85,11 +85,11 @@ def serve() -> Iterator[Serve]:
 
 @pytest.fixture
 def page(browser: Any) -> Iterator[Any]:
-    """Empty page at 1440 x 900; the test fails on an error in its console or a request to anywhere else.
+    """Empty page at 1440 x 1000; the test fails on an error in its console or a request to anywhere else.
 
     ``page.requested`` lists the addresses that were asked for.
     """
-    context = browser.new_context(viewport={"width": 1440, "height": 900})
+    context = browser.new_context(viewport={"width": 1440, "height": 1000})
     page = context.new_page()
     faults: list[str] = []
     page.requested = []

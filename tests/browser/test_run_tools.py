@@ -2,10 +2,12 @@
 
 import csv
 import io
+import json
 import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import viewer_page as view
@@ -270,12 +272,11 @@ def test_space_plays_unless_a_control_that_uses_it_has_the_focus(page: Any, url:
         return bool(page.get_attribute("#play", "aria-pressed") == "true")
 
     view.opened(page, url)
-    for focused in ("#scrub", "#canvas-scene-overlay"):
+    for focused, expected in (("#scrub", True), ("#scrub", False), ("#canvas-scene-overlay", True)):
         page.focus(focused)
         page.keyboard.press("Space")
-        assert plays(), focused
-        page.keyboard.press("Space")
-        assert not plays(), focused
+        assert plays() == expected, focused
+    page.keyboard.press("Space")
     for box in ("#loop", "#parts input[value=main-line]"):
         ticked = page.is_checked(box)
         page.focus(box)
@@ -338,45 +339,26 @@ def test_range_doppler_has_the_levels_of_its_frame(page: Any, url: str) -> None:
     view.until(lambda: view.text(page, bar) != far, "a frame near the radar and one far off have the same levels")
 
 
+LABELS = """async (body) => {
+  const { drawLabels } = await import(new URL("static/scene_floor.js", location.href));
+  const texts = [];
+  const [measureText, fillText] = [(words) => ({ width: 6 * words.length }), (...text) => texts.push(text)];
+  const context = { canvas: { clientWidth: 800 }, measureText, fillText };
+  const camera = { project: ([x, y, z]) => ({ x: 150 + 80 * x, y: 300 - 60 * y - 70 * z, depth: 9 - x, scale: 80 }) };
+  const corners = [[0, 0, 0], [6, 3, 2], [0, -3, 0]];
+  const scene = { radar: [0, 0, 1], azimuth: 0, tilt: 0, corners, floor: { x: [-1, 7], y: [-3, 3] } };
+  drawLabels(context, camera, scene, { places: body.map(([x, y]) => ({ x, y, body: 0 })), colours: {} });
+  return texts;
+}"""
+
+
 def test_no_label_of_the_scene_crosses_a_body(page: Any, url: str) -> None:
-    page.add_init_script("""
-      window.texts = [];
-      const fill = CanvasRenderingContext2D.prototype.fillText;
-      CanvasRenderingContext2D.prototype.fillText = function (words, x, y) {
-        if (this.canvas.id === "canvas-scene") {
-          const { width } = this.measureText(words);
-          window.texts.push({ words, left: x, right: x + width, top: y - 5, bottom: y + 5 });
-        }
-        return fill.apply(this, arguments);
-      };
-      window.points = [];
-      const clear = CanvasRenderingContext2D.prototype.clearRect;
-      CanvasRenderingContext2D.prototype.clearRect = function () {
-        if (this.canvas.id === "canvas-scene") [window.texts, window.points] = [[], []];
-        return clear.apply(this, arguments);
-      };
-      const arc = CanvasRenderingContext2D.prototype.arc;
-      CanvasRenderingContext2D.prototype.arc = function (x, y) {
-        if (this.canvas.id === "canvas-scene") window.points.push([x, y]);
-        return arc.apply(this, arguments);
-      };
-    """)
-    view.opened(page, url)
-    for shown in ("all", "side", "radar", "top", "body"):
-        page.click(f"button[data-view={shown}]")
-        for time_s in ("0.2", "1.3", "2.4"):
-            page.fill("#scrub", time_s)
-            page.wait_for_timeout(60)
-            texts, points = page.evaluate("[window.texts, window.points]")
-            assert points
-            (left, top), (right, bottom) = (
-                tuple(pick(axis) for axis in zip(*points, strict=True)) for pick in (min, max)
-            )
-            crossing = [
-                one["words"] for one in texts
-                if one["left"] < right and one["right"] > left and one["top"] < bottom and one["bottom"] > top
-            ]  # fmt: skip
-            assert crossing == [], (shown, time_s)
+    page.goto(url)
+    labels = page.evaluate(LABELS, [[700, 50]])
+    assert {"4 m", "radar, 1.00 m high", "x = 7 m"} <= {words for words, *_ in labels}
+    for words, x, y in labels:  # a body where this text would be
+        others = page.evaluate(LABELS, [[x - 9, y - 20], [x + 6 * len(words), y + 20]])
+        assert [x, y] not in [place for word, *place in others if word == words], words
 
 
 def test_two_recordings_are_compared_on_one_time_line(page: Any, walk: Path, serve: Any, tmp_path: Path) -> None:
@@ -411,3 +393,81 @@ def test_two_recordings_are_compared_on_one_time_line(page: Any, walk: Path, ser
     before = view.look(page, "other-signature")
     change(page, "cpi_s", "0.2")
     view.until(lambda: view.look(page, "other-signature") != before, "the second recording keeps another interval")
+
+
+def test_a_zoom_is_computed_again_on_a_finer_grid(page: Any, url: str) -> None:
+    def times(name: str) -> list[float]:
+        return sorted({view.read_at(page, name, 0.5 + n / 300, 0.5)[0]["s"] for n in range(12)})
+
+    view.opened(page, url)
+    levels = view.text(page, ".panel-signature .colour-bar")
+    page.goto(url + "?time=1:1.2")
+    page.wait_for_selector(view.READY)
+    view.until(lambda: min(np.diff(times("signature"))) < 0.002, "the columns are as wide as those of the whole")
+    assert min(np.diff(times("range-time"))) < 0.002  # 800 pulses a second; before, one column in 6
+    assert view.text(page, ".panel-signature .colour-bar") == levels
+
+
+def test_decisions_and_alarm_are_below_the_signature(page: Any, url: str) -> None:
+    def mark(n: int) -> dict[str, Any]:
+        decided = {"label": "human", "reason": ""} if n > 2 else {"label": None, "reason": "too low"}
+        return {"track": 0, "time_s": 0.4 * n, "evidence": 0.2 * n, "alarm": n > 3, **decided}
+
+    def answer(route: Any) -> None:
+        first = int(re.search(r"from=(\d+)", route.request.url).group(1))
+        facts = {"shown_class": "human", "alarm_class": "human", "alarm_threshold": 0.7, "stop_s": 2.4}
+        route.fulfill(json={**facts, "marks": [*map(mark, range(6))][first:][:3], "complete": first > 0})
+
+    page.route("**/api/decisions*", answer)
+    view.opened(page, url)
+    view.until(lambda: view.text(page, ".panel-evidence h2") == "Decisions: probability of human", "not complete")
+    upper, lower = (page.locator(f"#canvas-{name}").bounding_box() for name in ("signature", "evidence"))
+    assert (upper["x"], upper["width"]) == (lower["x"], lower["width"]), "not one time axis"
+    assert upper["y"] < lower["y"]
+    for n, said in ((2, "undecided: too low · human 0.400"), (5, "human · human 1.000 · alarm")):
+        view.read_at(page, "evidence", 0.4 * n / view.DURATION_S, (0.2 * n + 0.08) / 1.16)
+        assert view.text(page, "#hover-evidence") == f"{0.4 * n:.2f} s · track 0 · {said}"
+
+
+def test_annotations_are_listed_saved_kept_and_deleted(page: Any, url: str) -> None:
+    view.opened(page, url)
+    before = {name: view.wait_until_idle(page, f"{name}-overlay") for name in ("signature", "range-time")}
+    box = page.locator("#canvas-signature").bounding_box()
+    at = [box["x"] + view.LEFT + share * (box["width"] - view.LEFT - view.RIGHT) for share in (0.6, 0.2)]
+    page.keyboard.press("n")
+    page.mouse.click(at[0], box["y"] + 50)
+    page.mouse.click(at[1], box["y"] + 90)  # the second point may be the earlier
+    page.wait_for_selector("#annotations input:focus")
+    page.keyboard.type('comes, "waves"')
+    page.keyboard.press("Enter")
+    page.click("#annotate")
+    page.mouse.move(at[1], box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(at[1] - 40, box["y"] + 60, steps=3)
+    page.mouse.up()
+    assert page.locator("#annotations tbody tr").count() == 2
+    assert page.get_attribute("#annotate", "aria-pressed") == "false"
+    assert view.seconds(page) == 0, "marking moves the cursor"
+    for name, look in before.items():
+        assert view.look(page, f"{name}-overlay") != look, name
+    page.reload()
+    page.wait_for_selector(view.READY)
+    view.until(lambda: page.locator("#annotations tbody tr").count() == 2, "a reload forgets the annotations")
+    with page.expect_download() as saved:
+        page.click("#annotations-json")
+    assert saved.value.suggested_filename == "walk.h5.annotations.json"
+    found = json.loads(Path(saved.value.path()).read_text("utf-8"))
+    assert [one["label"] for one in found] == ["", 'comes, "waves"']
+    assert {one["file"] for one in found} == {"walk.h5"}
+    assert [found[1]["start_s"], found[1]["stop_s"]] == pytest.approx([0.2 * 2.5, 0.6 * 2.5], abs=0.01)
+    with page.expect_download() as saved:
+        page.click("#annotations-csv")
+    with Path(saved.value.path()).open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [{**row, "start_s": float(row["start_s"]), "stop_s": float(row["stop_s"])} for row in rows] == found
+    page.click("#annotations tbody tr >> nth=0 >> text=delete")
+    assert page.input_value("#annotations tbody input") == 'comes, "waves"'
+    page.click("#annotations tbody tr >> text=delete")
+    page.reload()
+    page.wait_for_selector(view.READY)
+    assert page.is_hidden("#annotations")

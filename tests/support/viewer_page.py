@@ -77,7 +77,10 @@ def seconds(page: Any) -> float:
 def read_at(page: Any, name: str, x: float, y: float) -> tuple[dict[str, float], tuple[float, float]]:
     """Numbers of a panel's read-out by unit, with the mouse at shares of its axes; and these shares, to the pixel."""
     box = page.locator(f"#canvas-{name}").bounding_box()
-    width, height = box["width"] - LEFT - RIGHT, box["height"] - TOP - (10 if name in ("range-time", "cadence") else 36)
+    width, height = (
+        box["width"] - LEFT - RIGHT,
+        box["height"] - TOP - (10 if name in ("range-time", "cadence", "evidence") else 36),
+    )
     at_x, at_y = round(x * width), round(y * height)
     page.mouse.move(box["x"] + LEFT + at_x, box["y"] + TOP + height - at_y)
     found = re.findall(r"(-?[\d.]+) (dB|Hz|m/s|m|s)\b", text(page, f"#hover-{name}"))

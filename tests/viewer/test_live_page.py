@@ -1,14 +1,9 @@
 """The page of a stream: what it shows, in fixed memory, without a change of the decisions."""
 
-import json
 from types import SimpleNamespace
-from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-
-pytest.importorskip("starlette")
-pytest.importorskip("uvicorn")
 
 from doppelgait.classify.live import live
 from doppelgait.classify.model_file import load_shipped_model
@@ -18,8 +13,7 @@ from doppelgait.pipeline import simulate
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 from doppelgait.viewer.live_page import MOST_ROWS, SPAN_S, STEP_S, Rolling
-from doppelgait.viewer.server import serve_live
-from viewer_client import Client, unpack
+from viewer_client import unpack
 
 MODEL = load_shipped_model("x4")
 
@@ -72,10 +66,6 @@ def test_the_walker_is_where_it_was_and_as_fast(walk, followed):
     assert facts["state"] == "running"
 
 
-def test_the_page_changes_no_decision(walk, followed):
-    assert [one.as_dict() for one in live(frames_of(walk), walk.radar, MODEL)] == [one.as_dict() for one in followed[1]]
-
-
 def test_memory_does_not_grow(walk):
     page, running = a_page(), live(frames_of(walk), walk.radar, MODEL)
     seen = [item for item in running.windows() if item[1]]
@@ -104,17 +94,3 @@ def test_the_page_before_a_window_and_after_the_end(walk, followed):
     page.end("the sender was killed", {"frames": 3})
     facts, _ = unpack(page.payload())
     assert (facts["state"], facts["reason"], facts["counts"]) == ("ended", "the sender was killed", {"frames": 3})
-
-
-def test_the_server_gives_the_page_to_its_own_address_alone(followed):
-    with serve_live(followed[0]) as url:
-        parts = urlsplit(url)
-        assert parts.hostname == "127.0.0.1"
-        ask = Client(parts.port).ask
-        answer = ask(f"{parts.path}api/live")
-        assert answer.status == 200
-        assert unpack(answer.body)[0]["source"] == "walk"
-        assert json.loads(ask(f"{parts.path}api/session").body)["kind"] == "live"
-        assert ask(f"{parts.path}static/live_page.js").status == 200
-        assert ask("/api/live").status == 403
-        assert ask(f"{parts.path}api/live?x=1").status == 400

@@ -137,14 +137,6 @@ def test_frames_are_transforms_of_the_samples(run, recording):
             np.testing.assert_allclose(shown, 10 * np.log10(power), atol=0.02)
 
 
-def test_chunks_of_frames_fit_together(run):
-    whole, one = (unpack(panels.make_range_doppler_payload(run, None, start=s, count=c)) for s, c in ((0, 6), (4, 2)))
-    assert whole[0]["db"] == one[0]["db"]
-    assert whole[0]["time"] == one[0]["time"]
-    np.testing.assert_array_equal(whole[1]["frames"][4:], one[1]["frames"])
-    assert whole[0]["time"]["n"] <= panels.MOST_FRAMES
-
-
 def test_tiles_of_a_long_recording_give_the_bytes_of_the_whole(recording, monkeypatch):
     def payloads():
         asked = Settings(gate="truth", analysis=Analysis(clutter="none"))

@@ -1,25 +1,27 @@
 """Which body a target is compared with, over which times, and how segments and bursts are shown."""
 
+from dataclasses import replace
+from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from doppelgait import viz
+from doppelgait.classify.timeline import classify_over_time
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.frames import Frames
-from doppelgait.core.labels import CADENCE_MAP, make_array
 from doppelgait.pipeline import analyze, parse_run, read_results, run_simulation, write_results
 from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.signature import compute_signature
 from doppelgait.processing.sound import make_doppler_sound
-from doppelgait.radar import read_recording, write_recording
+from doppelgait.radar import Radar, read_recording, write_recording
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.radar.recordings import StoredRows
 from doppelgait.viewer import panels
 from doppelgait.viewer import panels as panel
 from doppelgait.viewer.run import MOST_ANALYSES, Run, compute_true_values, find_true_values, make_view, match_truths
 from doppelgait.viewer.settings import Settings, parse_changes
-from doppelgait.viewer.source import RunCache, add_other, describe_session, open_path, parse_reference
+from doppelgait.viewer.source import RunCache, add_other, all_ranges_m, describe_session, open_path, parse_reference
 from viewer_client import unpack
 
 TIMES_S = np.arange(0.0, 10.0, 0.01)
@@ -139,7 +141,6 @@ def test_each_segment_can_be_shown(run, recording):
         assert target["quality"]["n_pieces"] == len(result.segments)
         columns = target["signature"]["x"]  # of the whole track, with the main line of every segment
         start_s, stop_s = columns["first"], columns["first"] + (columns["n"] - 1) * columns["step"]
-        assert target["whole_track"]
         assert start_s < result.segments[0].quality["start_s"] + 0.2
         assert stop_s > result.segments[-1].quality["stop_s"] - 0.2
         assert len(target["main_lines"]) == len(result.segments)
@@ -176,22 +177,11 @@ def test_map_of_moved_columns_says_so(run):
         line_hz = arrays[target["main_lines"][number]["values"]]
         drifts = abs(line_hz[-1] - line_hz[0]) > 10.0
         assert (target["aligned"], drifts) == (number == 1, number == 1)
-        low_hz, high_hz = target["cadence_band_hz"]
         image = target["cadence_map"]
+        low_hz, high_hz = image["band_hz"]
         levels = arrays[image["array"]].max(axis=0)
         strongest_hz = image["y"]["first"] + int(levels.argmax()) * image["y"]["step"]
         assert low_hz <= strongest_hz <= high_hz
-
-
-@pytest.mark.parametrize(
-    ("aligned", "label"), [(True, "Doppler frequency from the main line (Hz)"), (False, "Doppler frequency (Hz)")]
-)
-def test_figure_names_the_axis_that_the_map_has(aligned, label):
-    doppler_hz = np.linspace(-100.0, 100.0, 32)
-    coords = {"cadence": np.linspace(0.0, 10.0, 40), "doppler": doppler_hz, "velocity": ("doppler", 0.02 * doppler_hz)}
-    values = np.random.default_rng(1).random((40, 32))
-    figure = viz.cadence_map(make_array(CADENCE_MAP, values, coords, {"aligned": aligned}))
-    assert figure.axes[0].get_ylabel() == label
 
 
 def test_only_the_last_two_analyses_are_kept(recording):
@@ -323,3 +313,62 @@ def test_a_second_recording_is_one_to_compare_with(recording, tmp_path):
         RunCache(first).run(parse_reference([("run", "2")]))
     with pytest.raises(ConfigError, match="run: must be 2"):
         parse_reference([("run", "3")])
+
+
+def read_signature(payload):
+    """Time axis of the signature of a payload, and its levels in dB."""
+    facts, arrays = unpack(payload)
+    low, high = facts["signature"]["db"]
+    return facts["signature"]["x"], low + arrays["signature"] / 65535 * (high - low)
+
+
+def expect_db(run, recording, target, hop):
+    """Times and levels of a target's signature, None for all ranges, straight from the processing layer."""
+    gate = Gate.fixed(*all_ranges_m(recording), time_s=recording.slow_time_s, range_m=recording.range_m)
+    gate = gate if target is None else run.targets(None)[target].result.gate
+    analysis, wavelength_m = run.analysis(None).model_copy(update={"hop": hop}), recording.radar.wavelength_m
+    found = compute_signature(gate.crop(run.clean_frames(None)), gate, analysis, wavelength_m=wavelength_m)
+    return found.axis("time"), 10 * np.log10(found.values)
+
+
+def test_the_first_picture_is_that_of_all_ranges_on_a_coarse_grid(run, recording, monkeypatch):
+    monkeypatch.setattr(panels.payload, "MOST", (500, 600))
+    time, levels_db = read_signature(panel.make_recording_payload(run, None))
+    _, expected_db = expect_db(run, recording, None, -(-recording.n_pulses // 500))
+    assert (time["n"], time["block"]) == (len(expected_db), 1)  # nothing between the columns is computed
+    np.testing.assert_allclose(levels_db, np.maximum(expected_db, levels_db.min()), atol=0.02)
+
+
+@pytest.mark.parametrize("target", [None, 0])
+def test_a_part_is_computed_again_on_a_finer_grid(run, recording, target):
+    further = {"from": "4.0", "to": "4.5", **({} if target is None else {"target": str(target)})}
+    time, levels_db = read_signature(panel.make_detail_payload(run, None, further))
+    assert time["step"] == pytest.approx(1 / recording.radar.prf_hz)  # of the whole: 0.008 s
+    assert time["first"] == pytest.approx(4.0, abs=2e-3)
+    assert time["n"] == pytest.approx(0.5 * recording.radar.prf_hz, abs=2)
+    times_s, expected_db = expect_db(run, recording, target, 1)
+    first = int(np.abs(times_s - time["first"]).argmin())
+    expected_db = np.maximum(expected_db[first : first + time["n"]], levels_db.min())
+    np.testing.assert_allclose(levels_db, expected_db, atol=0.02)
+
+
+def test_the_decisions_are_those_of_the_command_and_come_in_parts(recording, monkeypatch):
+    run = Run("turns", "recording", load=lambda: recording)
+    expected = classify_over_time(recording)
+    assert any(one.alarm for one in expected)
+    times_s = count(step=0.3)
+    monkeypatch.setattr(panels, "monotonic", lambda: next(times_s))
+    parts = []
+    while not parts or not parts[-1]["complete"]:
+        parts.append(panel.make_decisions(run, None, sum(len(part["marks"]) for part in parts)))
+    assert len(parts) > 3
+    assert [part["stop_s"] for part in parts] == sorted(part["stop_s"] for part in parts)
+    marks = [mark for part in parts for mark in part["marks"]]
+    assert [(mark["track"], mark["time_s"], mark["label"], mark["alarm"], mark["evidence"]) for mark in marks] == [
+        (one.track, one.stop_s, one.label, one.alarm, one.probabilities["human"]) for one in expected
+    ]
+    assert (parts[-1]["alarm_class"], parts[-1]["shown_class"], parts[-1]["reason"]) == ("human", "human", "")
+    slow = replace(recording, radar=Radar.preset("x4-255fps"))
+    answer = panel.make_decisions(Run("slow", "recording", load=lambda: slow), None, 0)
+    assert answer["complete"]
+    assert "no shipped model" in answer["reason"]

@@ -605,3 +605,9 @@ def test_wrong_input_is_refused_in_clear_words(name: str) -> None:
     call, message = wrong_calls()[name]
     with pytest.raises(AnalysisError, match=message):
         call()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(("aligned", "ending"), [(True, " from the main line (Hz)"), (False, " (Hz)")])
+def test_a_cadence_map_names_the_axis_that_it_has(aligned: bool, ending: str) -> None:
+    figure = viz.cadence_map(make_cadence_map().assign_attrs(aligned=aligned))
+    assert figure.axes[0].get_ylabel() == f"Doppler frequency{ending}"

@@ -90,8 +90,7 @@ def answer_day(dataset: Dataset, probability: FloatArray) -> pd.DataFrame:
 
 def find_triggers(answers: pd.DataFrame, threshold: float) -> pd.DataFrame:
     """Return the time at which the alarm of each track is raised: once, as it stays."""
-    raised = answers[answers["score"] >= threshold].groupby(["scene", "track"], as_index=False)
-    return raised[["stop_s"]].min()
+    return answers[answers["score"] >= threshold].groupby(["scene", "track"], as_index=False)[["stop_s"]].min()
 
 
 def confirm(probability: FloatArray, seen: Sequence[Seen]) -> FloatArray:
@@ -175,8 +174,7 @@ def format_day(found: Mapping[str, Any]) -> list[dict[str, str]]:
     """Format the scores of a day, a row per threshold."""
     rows = []
     for one in found["thresholds"]:
-        found_s = one["seconds_to_detect"] or ()
-        seconds = ["more" if each is None else f"{each:.1f}" for each in found_s]
+        seconds = ["more" if s is None else f"{s:.1f}" for s in one["seconds_to_detect"] or ()]
         shares = " ({missed_low:.0%} to {missed_high:.0%})".format(**one) if one["entries"] else ""
         rows.append(
             {

@@ -228,8 +228,7 @@ def score_classifiers(folder: Path, *, report: Callable[[str], Any], **options: 
     for name in used if any(name in BASELINES or ".py:" in name for name in answers) else used[1:]:
         with report(name) as tell:
             one = built[name] = build_part(name, folder / name, folder=chosen.recordings, on_progress=tell)
-        identity = {"part": name, "identity": one.description["id"]}
-        identities.append({**identity, "contents": identify_contents(one)})
+        identities.append({"part": name, "identity": one.description["id"], "contents": identify_contents(one)})
     train = built.pop("train", next(iter(built.values())))
     scores = {
         name: {part: score_part(dataset, answer(train, dataset)) for part, dataset in built.items()}

@@ -80,7 +80,7 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
         contents["scorer.py"] = Path(scorer.__file__).read_bytes()
     if form != "numpy" and model.track is not None:
         left_out = {"onnx": "the model of tracks, which --form c and numpy have", "c": "the model of windows; features"}
-        found = {**found, "left_out": left_out[form]}
+        found["left_out"] = left_out[form]
     with complete_folder(out) as partial:
         for name, content in contents.items():
             (partial / name).write_bytes(content)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path as FilePath
@@ -293,13 +293,18 @@ def classify_over_time(
     """
     if isinstance(recording, str | FilePath):
         recording = read_recording(recording)
-    chosen, model = WindowOptions(**options), model or choose_model(recording)
+    windows = decide_windows(recording, model or choose_model(recording), **options)
+    return [decision for _, found in windows for decision in found]
+
+
+def decide_windows(recording: Recording, model: Model, **options: Any) -> Iterator[tuple[Window, list[TrackDecision]]]:
+    """Yield every window of a recording with the decisions about its targets."""
+    chosen = WindowOptions(**options)
     window_s, hop_s = check_window(chosen.window_s, chosen.hop_s, model)
-    # only tracks have pictures
-    model = model.of_tracks if chosen.gate == "track" else replace(model, track=None)
+    model = model.of_tracks if chosen.gate == "track" else replace(model, track=None)  # only tracks have pictures
     how, tracks = (chosen.analysis or read_training_analysis(model), chosen.tracking, chosen.gate), Tracks(model)
-    windows = cut_windows(recording, window_s, hop_s)
-    return [decision for one in windows for decision in tracks.add(one, analyze_window(one, *how))]
+    for one in cut_windows(recording, window_s, hop_s):
+        yield one, tracks.add(one, analyze_window(one, *how))
 
 
 # Summaries -----------------------------------------------------------------------------------------------------------

@@ -115,17 +115,9 @@ def classify(
 
 def describe_model(model: Model, file: str | None) -> dict[str, Any]:
     """Describe a model for JSON."""
-    facts = model.facts
-    return {
-        "file": file,
-        "name": facts.name,
-        "classes": list(facts.classes),
-        "dataset": facts.dataset_name,
-        "calibrated": model.calibration.n_rows > 0,
-        "alarm_threshold": facts.alarm_threshold,
-        "alarm_people": facts.alarm_people,
-        "alarm_missed": facts.alarm_missed,
-    }
+    kept = model.facts.model_dump(include={"name", "alarm_threshold", "alarm_people", "alarm_missed"})
+    classes, calibrated = list(model.facts.classes), model.calibration.n_rows > 0
+    return {"file": file, "dataset": model.facts.dataset_name, "classes": classes, "calibrated": calibrated, **kept}
 
 
 def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as_json: bool) -> None:
@@ -133,9 +125,6 @@ def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as
     from doppelgait.classify.timeline import join_decisions
 
     spans = join_decisions(decisions)
-    by_track: dict[int, list[TrackDecision]] = {}
-    for found in decisions:
-        by_track.setdefault(found.track, []).append(found)
     tracks: list[dict[str, Any]] = [
         {
             "track": track,
@@ -147,7 +136,8 @@ def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as
             "windows": len(ones),
             "evidence": sum(not one.window.blocked for one in ones),
         }
-        for track, ones in sorted(by_track.items())
+        for track in sorted({one.track for one in decisions})
+        for ones in [[one for one in decisions if one.track == track]]
     ]
     if as_json:
         windows = [found.as_dict() for found in decisions]

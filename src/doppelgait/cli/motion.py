@@ -90,12 +90,11 @@ def convert(
     """
     import pandas as pd
 
-    from doppelgait.core.files import open_atomically
-
-    check_output(output, ".csv")
     from doppelgait.core.config import apply_overrides
+    from doppelgait.core.files import open_atomically
     from doppelgait.motion.readers import read
 
+    check_output(output, ".csv")
     motion = read(file, **{"start_s": start, "stop_s": stop, **apply_overrides({}, options or [])})
     names = [f"{marker}_{axis}_m" for marker in motion.markers for axis in "xyz"]
     table = pd.DataFrame(motion.position_m.reshape(motion.n_frames, -1), columns=names)

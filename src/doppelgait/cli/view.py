@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from doppelgait.cli.analyze import Changes, ReaderOptions
+from doppelgait.cli.analyze import Changes, ReaderOptions, parse_analysis
+from doppelgait.cli.classify import ModelOption
 from doppelgait.cli.output import explain_reader_options, print_message
 from doppelgait.core.errors import ConfigError
 
@@ -43,6 +43,7 @@ def view(
             help="Folder of the motion files of a dataset's plan; without it no motion file is opened.",
         ),
     ] = None,
+    model: ModelOption = None,
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port; 0 for any free one.")] = 0,
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Print the address without opening the browser.")
@@ -56,14 +57,24 @@ def view(
 
     Example: doppelgait view home-alarm --no-browser
     """
+    from doppelgait.classify.model_file import open_model
+    from doppelgait.core.config import apply_overrides
+    from doppelgait.processing import Gate
     from doppelgait.viewer.server import check_installed, open_in_browser, serve
-    from doppelgait.viewer.settings import parse_settings
+    from doppelgait.viewer.settings import Settings
     from doppelgait.viewer.source import add_other, open_path
 
     check_installed()
     if motion_folder is not None and not motion_folder.is_dir():
         raise ConfigError(f"--motion-folder {motion_folder}: no such folder")
-    settings = replace(parse_settings(gate, changes or [], options or []), motion_folder=motion_folder)
+    settings = Settings(
+        *parse_analysis({}, changes),
+        gate=Gate.parse(gate or "track", where="--gate"),
+        gate_asked=gate is not None,
+        options=apply_overrides({}, options or []),
+        motion_folder=motion_folder,
+        model=None if model is None else open_model(model),
+    )
     with explain_reader_options():
         opened = None if path is None else open_path(path, settings)
         if opened is not None and other is not None:

@@ -10,7 +10,6 @@ import traceback
 from collections.abc import Awaitable, Callable, Iterable, Iterator
 from contextlib import asynccontextmanager, contextmanager, nullcontext, suppress
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -20,7 +19,7 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import FileResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp as App
 from starlette.types import Message, Receive, Send
@@ -29,6 +28,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.viewer.panels import (
     MOST_PER_REQUEST,
+    make_decisions,
+    make_detail_payload,
     make_range_doppler_payload,
     make_recording_payload,
     make_sound_wav,
@@ -185,6 +186,8 @@ def make_app(
     table = {
         "recording": (CHANGEABLE, PAYLOAD),
         "targets": ((*CHANGEABLE, "segment"), PAYLOAD),
+        "detail": ((*CHANGEABLE, "from", "to", "target"), PAYLOAD),
+        "decisions": (("from",), JSON),
         "range-doppler": ((*CHANGEABLE, "from", "count", "target"), PAYLOAD),
         "sound": ((*CHANGEABLE, "target", "pitch", "channels"), WAV),
         "scene": ((), JSON),
@@ -203,7 +206,9 @@ def make_app(
     app = Starlette(
         routes=routes,
         exception_handlers={
-            DoppelgaitError: partial(_answer_error, folders=opened.folders if opened else ()),
+            DoppelgaitError: partial(
+                _answer_error, folders=opened.browser.folders if opened and opened.browser else ()
+            ),
             HTTPException: _answer_http_error,
             Exception: _answer_fault,
         },
@@ -216,7 +221,12 @@ def make_app(
 def _encode_answer(name: str, run: Run, reference: Reference) -> bytes:
     gate, changes, further = reference.gate, reference.changes, reference.further
     if name == "recording":
-        return make_recording_payload(run, gate, changes=changes)
+        return run.keep(f"first, {gate}, {changes}", lambda: make_recording_payload(run, gate, changes))
+    if name == "detail":
+        return make_detail_payload(run, gate, further, changes)
+    if name == "decisions":
+        start = parse_whole(further, "from", 0, least=0, most=10**9)
+        return as_json(make_decisions(run, gate, start))
     if name == "targets":
         return make_targets_payload(run, gate, changes, segment=reference.segment)
     if name == "sound":
@@ -242,17 +252,13 @@ def _make_dataset_routes(opened: OpenedSource | None) -> list[Route]:
         parse_parameters(query, ())
         return browser().summary()
 
-    def row_id(query: Pairs) -> Any:
-        number = parse_whole(parse_parameters(query, ("row",)), "row", -1, least=0, most=10**9)
-        return browser().get_row_id(number)
-
     return [
         Route("/api/dataset", _make_endpoint(summary, JSON)),
         Route("/api/rows", _make_endpoint(lambda query: browser().rows(query), JSON)),
         Route("/api/balance", _make_endpoint(lambda query: browser().balance(query), JSON)),
         Route("/api/scatter", _make_endpoint(lambda query: browser().scatter(query), PAYLOAD)),
         Route("/api/sheet", _make_endpoint(lambda query: browser().make_sheet(query), PAYLOAD)),
-        Route("/api/row-id", _make_endpoint(row_id, JSON)),
+        Route("/api/row-id", _make_endpoint(lambda query: browser().get_row_id(query), JSON)),
     ]
 
 
@@ -298,7 +304,8 @@ def _run_answer(name: str, names: tuple[str, ...], media_type: str, shelf: RunCa
 
     async def endpoint(request: Request) -> Response:
         reference = parse_reference(request.query_params.multi_items(), names)
-        at_once = name == "recording" and not reference.key  # in memory: no analysis is needed
+        first = name == "recording" or (name == "detail" and "target" not in reference.further)
+        at_once = first and reference.key in ((), ("other",))  # they need no analysis
         async with nullcontext() if at_once else lock:
             if await request.is_disconnected():
                 return Response(status_code=GONE)
@@ -309,24 +316,14 @@ def _run_answer(name: str, names: tuple[str, ...], media_type: str, shelf: RunCa
     return endpoint
 
 
-def read_static_files() -> dict[str, tuple[bytes, str]]:
-    """Read content and type of the page's files."""
-    folder = resources.files("doppelgait.viewer") / "static"
-    files = {}
-    for file in folder.iterdir():
-        suffix = file.name[file.name.rfind(".") :]
-        if file.is_file() and suffix in MEDIA_TYPES:
-            files[file.name] = (file.read_bytes(), MEDIA_TYPES[suffix])
-    return files
+STATIC = Path(__file__).parent / "static"
 
 
 async def _serve_static(request: Request) -> Response:
-    name = request.path_params.get("name", "index.html")
-    files: dict[str, tuple[bytes, str]] = request.state.files
-    if name not in files:
+    file = STATIC / request.path_params.get("name", "index.html")
+    if file.parent != STATIC or file.suffix not in MEDIA_TYPES or not file.is_file():
         raise HTTPException(404)
-    content, media_type = files[name]
-    return Response(content, headers={"content-type": media_type})
+    return FileResponse(file, headers={"content-type": MEDIA_TYPES[file.suffix]})
 
 
 @asynccontextmanager
@@ -338,8 +335,8 @@ async def _prepare_app(
     opened: OpenedSource | None,
     settings: Settings,
     live: Rolling | None,
-) -> AsyncIterator[dict[str, Any]]:
-    """Read the page's files and prepare its first answers."""
+) -> AsyncIterator[None]:
+    """Prepare the first answers."""
 
     async def prepare() -> None:
         async with lock:
@@ -348,17 +345,21 @@ async def _prepare_app(
     async with anyio.create_task_group() as tasks:
         if live is None:
             tasks.start_soon(prepare)
-        yield {"files": read_static_files()}
+        yield
         tasks.cancel_scope.cancel()
 
 
 def _prepare(shelf: RunCache, opened: OpenedSource | None, settings: Settings) -> None:
-    """Analyse the opened run in advance."""
+    """Make the first pictures of the opened runs in advance, then analyse the first run."""
     describe_session(opened, settings)
     if opened is None or opened.browser is None:
         with suppress(DoppelgaitError):
             # Key of the run that the page requests first: the opened run, or "Try it".
-            shelf.run(Reference(("try",) if opened is None else (), None, {})).targets(None)
+            first = Reference(("try",) if opened is None else (), None, {})
+            others = [Reference(("other",), None, {})] if opened and opened.other else []
+            for one in (first, *others):
+                _encode_answer("recording", shelf.run(one), one)
+            shelf.run(first).targets(None)
 
 
 async def _answer_error(request: Request, error: Exception, *, folders: tuple[Path, ...]) -> Response:

@@ -17,8 +17,8 @@ from doppelgait.dataset.config import SPLITS
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.viewer.columns import Columns, Filters, parse_query
 from doppelgait.viewer.examples import ExampleRuns
-from doppelgait.viewer.payload import pack, remove_folders
-from doppelgait.viewer.settings import Pairs, parse_whole
+from doppelgait.viewer.payload import describe_axis, pack, remove_folders
+from doppelgait.viewer.settings import Pairs, parse_parameters, parse_whole
 
 if TYPE_CHECKING:
     from doppelgait.viewer.run import Run
@@ -158,8 +158,9 @@ class Browser:
         named = {"ids": chosen["id"].tolist(), "labels": chosen["label"].tolist(), "captions": captions}
         return pack({**named, **facts, "n_matching": int(found.size), "offset": offset}, arrays)
 
-    def get_row_id(self, number: int) -> dict[str, Any]:
+    def get_row_id(self, query: Pairs) -> dict[str, Any]:
         """Return id and class of a row."""
+        number = parse_whole(parse_parameters(query, ("row",)), "row", -1, least=0, most=10**9)
         if not 0 <= number < len(self.dataset):
             raise ConfigError(f"row: {number} is not allowed; this dataset has rows 0 to {len(self.dataset) - 1}")
         row = self.dataset.index.iloc[number]
@@ -254,8 +255,10 @@ def make_thumbnails(
             codes[number] = np.rint(np.clip(share, 0.0, 1.0) * LEVELS).astype(np.uint8)
     facts["image"] = {
         "array": "thumbnails",
-        "x": _describe_axis("time", "s", times_s),
-        "y": _describe_axis("velocity" if moving == "m/s" else "doppler", moving, velocities),
+        "x": describe_axis("time", "s", (times_s[:-1] + times_s[1:]) / 2.0),
+        "y": describe_axis(
+            "velocity" if moving == "m/s" else "doppler", moving, (velocities[:-1] + velocities[1:]) / 2.0
+        ),
         "db": [low, high],
         "shown_db": [low, high],
         "unit": f"dB re {'1 V²' if signatures[0].attrs['units'] == 'V^2' else '1'}",
@@ -297,9 +300,3 @@ def find_strongest(values: FloatArray, samples: FloatArray, edges: FloatArray) -
     padded = np.concatenate([values, np.full((1, values.shape[1]), np.nan)])
     found = np.maximum.reduceat(padded, np.column_stack([first, behind]).ravel(), axis=0)[::2]
     return np.asarray(np.where((first < behind)[:, None], found, np.nan))
-
-
-def _describe_axis(name: str, unit: str, edges: FloatArray) -> dict[str, Any]:
-    step = float(edges[1] - edges[0])
-    first = float(edges[0]) + step / 2
-    return {"name": name, "unit": unit, "first": first, "step": step, "n": edges.size - 1, "block": 1}

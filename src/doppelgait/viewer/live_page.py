@@ -23,6 +23,7 @@ from doppelgait.viewer.payload import (
     describe_axis,
     describe_doppler,
     encode_image,
+    find_band_hz,
     find_block_maxima,
     find_block_size,
     pack,
@@ -35,12 +36,26 @@ MARKED = ("track", "label", "reason", "probability", "alarm", "range_m", "approa
 MOST_MARKS = 2000  # largest number of decisions that are kept
 
 
+def describe_model(model: Model) -> dict[str, Any]:
+    """Describe a model for a page, which shows the probability of ``shown_class``."""
+    facts = model.facts
+    shown = facts.alarm or ("human" if "human" in facts.classes else None)
+    keys = {"classes", "alarm_threshold", "abstain_below"}
+    return {"alarm_class": facts.alarm, "shown_class": shown, **facts.model_dump(include=keys)}
+
+
+def describe_decision(one: TrackDecision, shown_class: str | None) -> dict[str, Any]:
+    """Describe a decision for a page."""
+    facts = {name: getattr(one, name) for name in MARKED}
+    evidence = None if shown_class is None else one.probabilities[shown_class]
+    return {**facts, "time_s": one.stop_s, "evidence": evidence}
+
+
 class Rolling:
     """Last half minute of pictures, tracks and decisions."""
 
     def __init__(self, source: str) -> None:
         self._facts: dict[str, Any] = {"source": source, "radar": "no sensor so far"}
-        self._alarm: str | None = None
         self._lock = threading.Lock()
         self._columns: dict[str, deque[tuple[int, npt.NDArray[np.float32]]]] = {
             name: deque(maxlen=round(SPAN_S / STEP_S)) for name in ("range_time", "signature")
@@ -54,10 +69,8 @@ class Rolling:
 
     def begin(self, radar: str, model: Model) -> None:
         """Store the radar and the model of a run."""
-        keys = ("classes", "alarm_threshold", "abstain_below")
-        facts = {"radar": radar, "alarm_class": model.facts.alarm, **model.facts.model_dump(include={*keys})}
         with self._lock:
-            self._facts, self._alarm = {**self._facts, **facts}, model.facts.alarm
+            self._facts |= {"radar": radar, **describe_model(model)}
 
     def add(
         self,
@@ -83,10 +96,7 @@ class Rolling:
                 signature = result.signature
                 times_s = window.start_s + read_axis(signature, "time")
                 self._put("signature", times_s, signature.values, read_axis(signature, "doppler"))
-            for one in decisions:
-                evidence = None if self._alarm is None else one.probabilities[self._alarm]
-                shown = {name: getattr(one, name) for name in MARKED}
-                self._marks.append({**shown, "time_s": one.stop_s, "evidence": evidence})
+            self._marks += [describe_decision(one, self._facts["shown_class"]) for one in decisions]
             first_s = window.stop_s - SPAN_S
             while self._marks and self._marks[0]["time_s"] < first_s:
                 self._marks.popleft()
@@ -122,6 +132,7 @@ class Rolling:
             if name == "signature":
                 axis = describe_doppler(rows, self._wavelength_m)
             facts[name], arrays[name] = encode_image(name, power, time, axis, unit="dB re 1 V²")
+            facts[name]["band_hz"] = find_band_hz(power, rows) if name == "signature" else None
         return pack(facts, arrays)
 
     def _put(

@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import replace
+from time import monotonic
 from typing import Any, get_args
 
 import numpy as np
@@ -13,21 +15,22 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait import processing
-from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError
 from doppelgait.core.frames import Frames, SlowTime
-from doppelgait.core.labels import read_axis, replace_array_values
+from doppelgait.core.labels import read_axis
 from doppelgait.core.lazy import LateRows, lazy_rows, take_every_row
 from doppelgait.core.units import power_to_db
 from doppelgait.pipeline import Result
 from doppelgait.pipeline.target import ALIGNED
 from doppelgait.processing import Analysis, range_doppler
+from doppelgait.processing.bursts import make_frame_gate
 from doppelgait.processing.config import MIN_CPI_PULSES
 from doppelgait.processing.gate import GateChoice
 from doppelgait.processing.signature import plan_for
 from doppelgait.processing.sound import Channels, explain_silence, make_doppler_sound, write_wav
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.viewer import payload
-from doppelgait.viewer.run import Run, TargetView, clutter_key
+from doppelgait.viewer.run import Run, TargetView, clutter_key, make_gate_picture
 from doppelgait.viewer.settings import Changes, parse_number, parse_whole
 
 Arrays = dict[str, npt.NDArray[Any]]
@@ -45,24 +48,24 @@ TRUTH_FACTS = (
 )
 
 
-def make_recording_payload(run: Run, gate: GateChoice | None, *, changes: Changes = ()) -> bytes:
+def make_recording_payload(run: Run, gate: GateChoice | None, changes: Changes = ()) -> bytes:
     """Make the payload of ``api/recording``."""
     recording = run.recording
     if recording is None:
         known = {"name": run.name, "kind": run.kind, "facts": [], "notes": run.notes, "reason": run.reason}
-        empty = dict.fromkeys(("duration_s", "start_s", "prf_hz", "wavelength_m", "range_time", "scene"))
+        empty = dict.fromkeys(("duration_s", "start_s", "range_time", "signature", "scene"))
         return payload.pack({**known, **empty, "bodies": [], "truth": [], "no_sound": run.reason}, {})
-    clean = run.clean_frames(gate, changes)
-    times_s, range_m, range_time = clean.slow_time.time_s, clean.range_m, None
-    arrays: Arrays = {}
-    if range_m.size > 1:
-        range_time, arrays["range_time"] = payload.encode_image(
-            "range_time",
-            _make_power(clean),
-            payload.describe_axis("time", "s", times_s),
-            payload.describe_axis("range", "m", range_m),
-            unit="dB re 1 V",
-        )
+    clean, analysis = run.clean_frames(gate, changes), run.analysis(gate, changes)
+    times_s, arrays, signature = clean.slow_time.time_s, dict[str, Any](), None
+    range_time = _make_range_time(clean, arrays)
+    if run.kind == "recording":  # of all ranges, until the targets have been tracked
+        with suppress(AnalysisError):
+            hop = payload.find_block_size(clean.n_pulses, payload.MOST[0])
+            hop = max(hop, plan_for(clean.slow_time, analysis).hop)
+            coarse = analysis.model_copy(update={"hop": hop})
+            signature, arrays["signature"] = make_gate_picture(
+                clean, make_frame_gate(clean), coarse, recording.radar.wavelength_m
+            )
     facts: dict[str, Any] = {
         "name": run.name,
         "kind": run.kind,
@@ -71,12 +74,11 @@ def make_recording_payload(run: Run, gate: GateChoice | None, *, changes: Change
         "reason": None,
         "duration_s": recording.observation_s,
         "start_s": times_s[0],
-        "prf_hz": recording.radar.prf_hz,
-        "wavelength_m": recording.radar.wavelength_m,
-        "clutter": run.analysis(gate, changes).clutter,
+        "clutter": analysis.clutter,
         "analysis": run.analysis_facts(gate, changes),
         "no_sound": explain_silence(recording.frames),
         "range_time": range_time,
+        "signature": signature,
         "scene": None
         if recording.radar_position_m is None
         else {
@@ -94,12 +96,47 @@ def make_recording_payload(run: Run, gate: GateChoice | None, *, changes: Change
     return payload.pack(facts, arrays)
 
 
+def _make_range_time(clean: Frames, arrays: Arrays) -> dict[str, Any] | None:
+    """Encode range against time; None without range."""
+    if clean.n_bins < 2:
+        return None
+    time = payload.describe_axis("time", "s", clean.slow_time.time_s)
+    ranges = payload.describe_axis("range", "m", clean.range_m)
+    image, arrays["range_time"] = payload.encode_image("range_time", _make_power(clean), time, ranges, unit="dB re 1 V")
+    return image
+
+
 def _make_power(clean: Frames) -> xr.DataArray:
     def rows(first: int, stop: int) -> npt.NDArray[np.float32]:
         values = clean.read(first, stop)
         return np.asarray(values.real**2 + values.imag**2)
 
     return clean.label().copy(data=lazy_rows(LateRows(clean.shape, rows, np.float32)))
+
+
+def make_detail_payload(
+    run: Run, gate: GateChoice | None, parameters: Mapping[str, str], changes: Changes = ()
+) -> bytes:
+    """Make the payload of ``api/detail``: pictures of a span of time, on a finer grid."""
+    start_s, stop_s = (parse_number(key, parameters.get(key, "")) for key in ("from", "to"))
+    clean, analysis = run.clean_frames(gate, changes), run.analysis(gate, changes)
+    chosen = make_frame_gate(clean)
+    if "target" in parameters:
+        targets = run.targets(gate, changes)
+        number = parse_whole(parameters, "target", 0, least=0, most=len(targets) - 1)
+        chosen = targets[number].result.gate
+    facts, arrays = dict[str, Any](range_time=None, signature=None), dict[str, Any]()
+    if clean.slow_time.burst_pulses is None:  # a burst is a column, and cannot be divided
+        margin_s = analysis.cpi_s / 2.0
+        part = clean.take_pulses(clean.slow_time.find_pulses(start_s - margin_s, stop_s + margin_s))
+        with suppress(AnalysisError):  # shorter than a processing interval, or without the target
+            hop = min(max(part.n_pulses // payload.MOST[0], 1), plan_for(part.slow_time, analysis).hop)
+            fine = analysis.model_copy(update={"hop": hop})
+            facts["signature"], arrays["signature"] = make_gate_picture(
+                part, chosen, fine, run.require_recording().radar.wavelength_m
+            )
+        facts["range_time"] = _make_range_time(part, arrays)
+    return payload.pack(facts, arrays)
 
 
 def _list_facts(recording: Recording) -> Iterator[tuple[str, str]]:
@@ -180,19 +217,9 @@ MOST_FRAMES = 600
 MOST_PER_REQUEST = 256
 MOST_PARTS = (300, 256)
 """Largest numbers of range bins and Doppler rows of a frame; more are combined by their maximum."""
-LOOKED_AT = 8  # number of frames that determine the levels
 SLOW_PULSES = 3 * MIN_CPI_PULSES  # fewest pulses of a frame's processing interval
 ONE_BIN = "this radar has no range: see its signature"
 IN_BURSTS = "this recording has bursts of pulses; its signature has one column per burst"
-
-
-@dataclass(frozen=True)
-class ShownFrames:
-    """Frames of a recording with common levels."""
-
-    columns: npt.NDArray[np.int64]
-    db: tuple[float, float]
-    shown_db: tuple[float, float]
 
 
 def make_range_doppler_payload(
@@ -206,12 +233,14 @@ def make_range_doppler_payload(
     analysis = make_frame_analysis(clean.slow_time, run.analysis(gate, changes))
     wavelength_m = run.require_recording().radar.wavelength_m
     strongest_v = run.keep(f"strongest, {clutter_key(analysis)}", lambda: find_strongest_v(clean))
-    frames = run.keep(
-        f"frames, {analysis.model_dump_json()}", lambda: plan_frames(clean, analysis, wavelength_m, strongest_v)
-    )
-    if start >= frames.columns.size:
-        raise ConfigError(f"from: {start} is not allowed; this recording has frames 0 to {frames.columns.size - 1}")
-    wanted = frames.columns[start : start + count]
+    transform = plan_for(clean.slow_time, analysis)
+    columns = np.arange(0, transform.n_columns, math.ceil(transform.n_columns / MOST_FRAMES))
+    bound = strongest_v * float(transform.window.sum())  # of all frames: their levels have one code
+    top = float(power_to_db(bound**2)) if bound > 0 else 0.0
+    low_high = (top - payload.DEEPEST_DB, top)
+    if start >= columns.size:
+        raise ConfigError(f"from: {start} is not allowed; this recording has frames 0 to {columns.size - 1}")
+    wanted = columns[start : start + count]
     cube = _compute_cube(clean, analysis, wavelength_m, wanted)
     levels = payload.level_db(cube.transpose("time", "range", "doppler").values)
     doppler_hz = read_axis(cube, "doppler")
@@ -222,23 +251,21 @@ def make_range_doppler_payload(
     levels = payload.find_block_maxima(levels, 1, *blocks)
     ranges, rows = (payload.average_axis(facts, block) for facts, block in zip((ranges, rows), blocks, strict=True))
     slow_time = clean.slow_time
-    centres = plan_for(slow_time, analysis).compute_centre_pulses()[frames.columns]
-    times_s = slow_time.start_s + centres / slow_time.rate_hz
+    times_s = slow_time.start_s + transform.compute_centre_pulses()[columns] / slow_time.rate_hz
     header = {
         "time": payload.describe_axis("time", "s", times_s),
         "from": start,
         "count": int(wanted.size),
         "range": ranges,
         "doppler": rows,
-        "db": frames.db,
-        "shown_db": frames.shown_db,
+        "db": low_high,
         "unit": "dB re 1 V²",
         "cpi_s": analysis.cpi_s,
         "clutter": analysis.clutter,
         "frames": "frames",
         "reason": None,
     }
-    return payload.pack(header, {"frames": payload.encode(levels, *frames.db)})
+    return payload.pack(header, {"frames": payload.encode(levels, *low_high)})
 
 
 def explain_missing_maps(run: Run) -> str | None:
@@ -268,26 +295,43 @@ def find_strongest_v(clean: Frames) -> float:
     return max(float(np.abs(values).max()) for _, values in clean.read_tiles())
 
 
-def plan_frames(clean: Frames, analysis: Analysis, wavelength_m: float, strongest_v: float) -> ShownFrames:
-    """Choose the intervals to show, and common levels."""
-    transform = plan_for(clean.slow_time, analysis)
-    step = math.ceil(transform.n_columns / MOST_FRAMES)
-    columns = np.arange(0, transform.n_columns, step)
-    looked_at = columns[np.unique(np.linspace(0, columns.size - 1, LOOKED_AT).round().astype(int))]
-    levels = payload.level_db(_compute_cube(clean, analysis, wavelength_m, looked_at).values)
-    known = levels[np.isfinite(levels)]
-    highest = float(known.max()) if known.size else 0.0
-    bound = strongest_v * float(transform.window.sum())
-    top = float(power_to_db(bound**2)) if bound > 0 else 0.0
-    low, high = payload.shown_range_db(levels, highest)
-    return ShownFrames(columns, (top - payload.DEEPEST_DB, top), (low, high))
-
-
 def _compute_cube(
     clean: Frames, analysis: Analysis, wavelength_m: float, columns: npt.NDArray[np.int64]
 ) -> xr.DataArray:
     blocks = range_doppler(clean.label(), analysis, wavelength_m=wavelength_m, columns=columns)
     return xr.concat(list(blocks), dim="time")
+
+
+DECIDE_S = 0.5  # longest time, s, of an answer with decisions; the page asks again for the rest
+
+
+def make_decisions(run: Run, gate: GateChoice | None, start: int) -> dict[str, Any]:
+    """Return the answer of ``api/decisions``: those of ``classify``, from a number on."""
+    from doppelgait.classify.decide import choose_model
+    from doppelgait.classify.timeline import decide_windows
+    from doppelgait.viewer.live_page import describe_decision, describe_model
+
+    none: dict[str, Any] = {"stop_s": None, "complete": False, "reason": "", "marks": []}
+    end_s = monotonic() + DECIDE_S
+
+    def begin() -> tuple[Any, dict[str, Any], list[Any]]:
+        recording, chosen = run.require_recording(), gate or run.settings.gate
+        model = run.settings.model or choose_model(recording)
+        about = describe_model(model.of_tracks if chosen == "track" else model)
+        return decide_windows(recording, model, gate=chosen), {**about, **none}, []
+
+    try:
+        windows, facts, marks = run.keep(f"decisions, {gate}", begin)
+    except DoppelgaitError as error:
+        return {**none, "complete": True, "reason": str(error)}
+    try:
+        while not facts["complete"] and monotonic() < end_s:
+            window, decisions = next(windows, (None, []))
+            marks += [describe_decision(one, facts["shown_class"]) for one in decisions]
+            facts |= {"complete": True} if window is None else {"stop_s": window.stop_s}
+    except DoppelgaitError as error:
+        facts |= {"complete": True, "reason": str(error)}
+    return {**facts, "marks": marks[start:]}
 
 
 MOST_PITCH = 1e6
@@ -325,11 +369,11 @@ def make_targets_payload(
     """Make the payload of ``api/targets``."""
     arrays: Arrays = {}
     # Stored targets are shown as stored, independently of the request.
-    applied = () if run.has_stored_targets(gate) else changes
+    applied = () if gate is None and run.stored is not None else changes
     done = run.analysis(gate, applied)
     facts = {"clutter": done.clutter, "analysis": run.analysis_facts(gate, applied)}
     try:
-        targets, notes = run.targets(gate, changes), run.warnings(gate, changes)
+        targets, notes = run.analyse(gate, changes)
     except AnalysisError as error:
         return payload.pack({**facts, "targets": [], "reason": str(error), "notes": [], "failed": True}, {})
     views = targets if segment is None else select_segment(targets, *segment)
@@ -368,8 +412,6 @@ def select_segment(targets: Sequence[TargetView], number: int, segment: int) -> 
 
 
 def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[str, Any]:
-    from doppelgait.viz.maps import doppler_limits_hz
-
     prefix, result = f"target_{number}_", view.result
     signature, cadence_map = (_get_array(result, name) for name in ("signature", "cadence_map"))
     pictures: dict[str, dict[str, Any] | None] = {"signature": None, "cadence_map": None}
@@ -380,13 +422,12 @@ def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays)
         pictures["signature"], arrays[f"{prefix}signature"] = payload.signature_picture(signature, f"{prefix}signature")
     lines = view.segment_views if view.track_picture is not None else (view,)
     main_lines = [_main_line(line.result, f"{prefix}main_line_{n}", arrays) for n, line in enumerate(lines)]
-    power = None
     if cadence_map is not None:
-        cadence, power = (
+        cadence, name = (
             payload.describe_axis("cadence", "Hz", read_axis(cadence_map, "cadence")),
-            np.square(cadence_map.values),
+            f"{prefix}cadence_map",
         )
-        name = f"{prefix}cadence_map"
+        power = np.square(cadence_map.values)
         pictures["cadence_map"], arrays[name] = payload.doppler_picture(cadence_map, power, cadence, name, "dB re 1")
     spectrum = _describe_spectrum(result, f"{prefix}cadence_spectrum", method, arrays)
     gate_limits = None
@@ -412,13 +453,8 @@ def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays)
         "flags": result.flags,
         "truth": view.truth,
         "signature": pictures["signature"],
-        "whole_track": view.track_picture is not None,
         "main_lines": [line for line in main_lines if line is not None],
         "aligned": is_aligned(result, method),
-        # Occupied rows of the cadence-velocity diagram, as in its figure.
-        "cadence_band_hz": None
-        if cadence_map is None or power is None
-        else doppler_limits_hz(replace_array_values(cadence_map, power)),
         "cadence_map": pictures["cadence_map"],
         "cadence_spectrum": spectrum,
         "gate_limits": gate_limits,

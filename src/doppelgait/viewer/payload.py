@@ -122,7 +122,16 @@ def doppler_picture(
     farthest = int(np.abs(doppler_hz).argmax())
     if "velocity" in array.coords and doppler_hz[farthest] != 0:
         wavelength_m = float(2.0 * read_axis(array, "velocity")[farthest] / doppler_hz[farthest])
-    return encode_image(name, power, x, describe_doppler(doppler_hz, wavelength_m), unit=unit)
+    axis = describe_doppler(doppler_hz, wavelength_m)
+    facts, codes = encode_image(name, power, x, axis, unit=unit)
+    return {**facts, "band_hz": find_band_hz(power, doppler_hz)}, codes
+
+
+def find_band_hz(power: FloatArray, doppler_hz: npt.ArrayLike) -> tuple[float, float]:
+    """Return the occupied part of the Doppler axis, as figures show it."""
+    from doppelgait.viz.maps import doppler_limits_hz
+
+    return doppler_limits_hz(xr.DataArray(power, {"doppler": doppler_hz}, ("x", "doppler")))
 
 
 def signature_picture(signature: xr.DataArray, name: str) -> tuple[dict[str, Any], npt.NDArray[np.uint16]]:

@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
+from threading import RLock
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.pipeline import Result, analyze
 from doppelgait.processing import Analysis
 from doppelgait.processing.clutter import clean_frames
-from doppelgait.processing.gate import GateChoice
+from doppelgait.processing.gate import Gate, GateChoice
 from doppelgait.processing.signature import compute_signature, plan_for
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.viewer.payload import signature_picture
@@ -132,7 +133,7 @@ TRACK_FACTS = (
 MOST_ANALYSES = 2
 """Largest number of stored analyses of a run, by gate and settings; that of a minute at 1 kHz
 needs 150 MB."""
-MOST_KEPT = 20  # largest number of other stored values of a run; each is a few numbers
+MOST_KEPT = 8  # largest number of other stored values of a run, such as its first pictures
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ Analysed = tuple[list[TargetView], list[str]]
 
 @dataclass(eq=False)
 class Run:
-    """Recording with its analyses, computed on first use; not safe for several threads."""
+    """Recording with its analyses, computed on first use; only targets need one thread."""
 
     name: str
     kind: Kind
@@ -165,6 +166,7 @@ class Run:
     _analyses: dict[tuple[GateChoice, str], Analysed] = field(default_factory=dict, repr=False)
     _kept: dict[str, Any] = field(default_factory=dict, repr=False)
     _clean: tuple[str, Frames] | None = field(default=None, repr=False)
+    _lock: RLock = field(default_factory=RLock, repr=False)  # pictures are made during tracking
 
     @cached_property
     def recording(self) -> Recording | None:
@@ -176,11 +178,6 @@ class Run:
         except DoppelgaitError as error:
             self.reason = str(error)
             return None
-
-    @cached_property
-    def stored_targets(self) -> list[TargetView]:
-        """The targets that were stored."""
-        return list(self.stored()) if self.stored is not None else []
 
     def require_recording(self) -> Recording:
         """Return the recording, or raise AnalysisError with the reason."""
@@ -216,50 +213,46 @@ class Run:
         analysis = self.analysis(gate, changes)
         key = clutter_key(analysis)
         # only one is stored: it may be as large as the recording
-        if self._clean is None or self._clean[0] != key:
-            self._clean = None
-            frames = self.require_recording().frames.find_bursts()
-            self._clean = key, clean_frames(frames, analysis)
-        return self._clean[1]
+        with self._lock:
+            if self._clean is None or self._clean[0] != key:
+                self._clean = None
+                frames = self.require_recording().frames.find_bursts()
+                self._clean = key, clean_frames(frames, analysis)
+            return self._clean[1]
 
     def keep(self, name: str, make: Callable[[], T]) -> T:
         """Return a cached value, computing it on first use."""
-        if name not in self._kept:
-            while len(self._kept) >= MOST_KEPT:
-                self._kept.pop(next(iter(self._kept)))
-            self._kept[name] = make()
-        kept: T = self._kept[name]
+        with self._lock:
+            if name not in self._kept:
+                while len(self._kept) >= MOST_KEPT:
+                    self._kept.pop(next(iter(self._kept)))
+                self._kept[name] = make()
+            kept: T = self._kept[name]
         return kept
 
     def targets(self, gate: GateChoice | None, changes: Changes = ()) -> list[TargetView]:
-        """Return the targets in a gate.
+        """Return the targets in a gate."""
+        return self.analyse(gate, changes)[0]
+
+    def analyse(self, gate: GateChoice | None, changes: Changes = ()) -> Analysed:
+        """Return the targets in a gate, and the warnings of their analysis.
         Without a gate these are the stored targets, or those in the gate that is shown first.
         """
-        if self.has_stored_targets(gate):
-            return self.stored_targets
-        return self._analyze_gate(gate or self.settings.gate, changes)[0]
-
-    def has_stored_targets(self, gate: GateChoice | None) -> bool:
-        """Return True if a gate's targets are stored ones."""
-        return gate is None and self.stored is not None
-
-    def warnings(self, gate: GateChoice | None, changes: Changes = ()) -> list[str]:
-        """Return the warnings of the analysis of :meth:`targets`."""
-        return [] if self.has_stored_targets(gate) else self._analyze_gate(gate or self.settings.gate, changes)[1]
-
-    def _analyze_gate(self, gate: GateChoice, changes: Changes) -> Analysed:
-        done = self.analysis(gate, changes)
-        key = (gate, done.model_dump_json())
+        if (stored := self.stored) is not None and gate is None:
+            return self.keep("stored", lambda: (list(stored()), []))
+        done, chosen = self.analysis(gate, changes), gate or self.settings.gate
+        key = (chosen, done.model_dump_json())
 
         def views() -> list[TargetView]:
-            recording = self.require_recording()
-            results = analyze(recording, gate=gate, analysis=done, tracking=self.settings.tracking)
-            truths = match_truths(recording, results)
+            recording, found = self.require_recording(), list[TargetView]()
+            results = analyze(recording, gate=chosen, analysis=done, tracking=self.settings.tracking)
             clean, wavelength_m = self.clean_frames(gate, changes), recording.radar.wavelength_m
-            return [
-                replace(make_view(result, recording, truth), track_picture=track_picture(result, clean, wavelength_m))
-                for result, truth in zip(results, truths, strict=True)
-            ]
+            for result, truth in zip(results, match_truths(recording, results), strict=True):
+                picture = None
+                if result.segments:
+                    picture = make_gate_picture(clean, result.gate, result.analysis, wavelength_m)
+                found.append(replace(make_view(result, recording, truth), track_picture=picture))
+            return found
 
         if key not in self._analyses:
             while len(self._analyses) >= MOST_ANALYSES:
@@ -268,13 +261,10 @@ class Run:
         return self._analyses[key]
 
 
-def track_picture(result: Result, clean: Frames, wavelength_m: float) -> Picture | None:
-    """Encode the signature of a whole track, or None without segments."""
-    if not result.segments:
-        return None
-    gate = result.gate
-    signature = compute_signature(gate.crop(clean), gate, result.analysis, wavelength_m=wavelength_m)
-    return signature_picture(processing.crop_to_frame(signature)[0].label(), "track")
+def make_gate_picture(clean: Frames, gate: Gate, analysis: Analysis, wavelength_m: float) -> Picture:
+    """Encode the signature of a gate: a whole track, all ranges, or a part of either."""
+    signature = compute_signature(gate.crop(clean), gate, analysis, wavelength_m=wavelength_m)
+    return signature_picture(processing.crop_to_frame(signature)[0].label(), "signature")
 
 
 def clutter_key(analysis: Analysis) -> str:

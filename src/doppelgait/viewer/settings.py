@@ -6,13 +6,16 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from doppelgait.core.config import apply_overrides, validate
+from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.pipeline import Tracking
-from doppelgait.processing import Analysis, Gate
+from doppelgait.processing import Analysis
 from doppelgait.processing.gate import GateChoice
+
+if TYPE_CHECKING:
+    from doppelgait.classify.model import Model
 
 Pairs = Sequence[tuple[str, str]]
 
@@ -78,23 +81,10 @@ def parse_changes(parameters: Mapping[str, str]) -> Changes:
 class Settings:
     """Settings for reading and analysing recordings."""
 
-    gate: GateChoice = "track"
     analysis: Analysis = field(default_factory=Analysis)
     tracking: Tracking = field(default_factory=Tracking)
+    gate: GateChoice = "track"
     options: Mapping[str, Any] = field(default_factory=dict)
     gate_asked: bool = False
     motion_folder: Path | None = None
-
-
-def parse_settings(gate: str | None, changes: Sequence[str], options: Sequence[str]) -> Settings:
-    """Parse ``--gate``, ``--set KEY=VALUE`` and ``--option KEY=VALUE`` into settings."""
-    table = apply_overrides({}, changes)
-    tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
-    analysis = validate(Analysis, table, where="analysis")
-    return Settings(
-        gate=Gate.parse(gate or "track", where="--gate"),
-        analysis=analysis,
-        tracking=tracking,
-        options=apply_overrides({}, options),
-        gate_asked=gate is not None,
-    )
+    model: Model | None = None

@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from doppelgait import __version__
 from doppelgait.core.errors import AnalysisError, ConfigError, RecordingError
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.processing import Analysis
@@ -34,11 +33,6 @@ class OpenedSource:
     run: Run | None = None
     browser: Browser | None = None
     other: Run | None = None
-
-    @property
-    def folders(self) -> tuple[Path, ...]:
-        """Folders that the page must not show."""
-        return () if self.browser is None else self.browser.folders
 
 
 def open_path(path: str | Path, settings: Settings) -> OpenedSource:
@@ -201,21 +195,17 @@ def describe_session(opened: OpenedSource | None, settings: Settings) -> dict[st
     browser = None if opened is None else opened.browser
     run = None if opened is None else opened.run
     summary = None if browser is None else browser.summary()
-    recording = None if run is None else run.recording
-    gates = {} if recording is None else {"track": can_track(recording), "truth": bool(recording.truth)}
     gate = settings.gate if run is None else run.settings.gate
     classes = sorted({*KNOWN_CLASSES, *(summary["classes"] if summary else ())})
     from doppelgait.viz.style import describe_quantity
 
     further = {"gait_frequency_hz": "Hz", "torso_doppler_hz": "Hz"}
     return {
-        "version": __version__,
         "kind": "none" if opened is None else opened.kind,
         "name": "" if opened is None else opened.name,
         "path_name": "" if opened is None else opened.path_name,
         "other": None if opened is None or opened.other is None else opened.other.name,
         **_list_colours(tuple(classes)),
-        "gates": [name for name, possible in gates.items() if possible],
         "default_gate": gate if isinstance(gate, str) else f"{gate[0]:g}:{gate[1]:g}",
         "feature_names": [
             (name, describe_quantity(name)[0], unit) for name, unit in {**FEATURE_UNITS, **further}.items()

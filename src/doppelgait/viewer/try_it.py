@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from typing import Any, Literal, get_args
 
-from doppelgait.core.config import validate
+from doppelgait.core.config import validate, write_toml
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.motion.models.human import HumanConfig
 from doppelgait.motion.models.quadruped_gaits import (
@@ -41,10 +41,6 @@ class Limit:
     high: float | None = None
     size: str = ""
     power: float = 1.0
-
-    def is_active(self, values: Mapping[str, Any]) -> bool:
-        """Return True if the other controls have these values."""
-        return all(values.get(name) == value for name, value in self.when.items())
 
 
 @cache
@@ -384,10 +380,10 @@ def make_scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
     values = parse_controls(parameters)
     who, company = str(values["who"]), str(values.get("company", "nobody"))
     place = {"range_m": middle_range_m(values), "aspect_deg": float(values["aspect_deg"])}
-    targets = [{"label": LABELS.get(who, who), **place, "motion": MOTIONS[who](values)}]
+    targets = [{"label": LABELS.get(who, who), **place, "motion": make_motion(who, values)}]
     if company != "nobody":
         size = {SIZE_OF[company]: COMPANY_M[company]}
-        motion = MOTIONS[company]({"speed_mps": values["speed_mps"], "gait": "auto", **size})
+        motion = make_motion(company, {"speed_mps": values["speed_mps"], "gait": "auto", **size})
         targets.append({"label": LABELS.get(company, company), **place_beside(**place), "motion": motion})
     noise = {"kind": "snr", "snr_db": values["snr_db"]} if values["noise"] == "on" else {"kind": "none"}
     return {
@@ -400,28 +396,29 @@ def make_scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def _make_person(values: Mapping[str, Value]) -> dict[str, Value]:
-    shared = {name: values[name] for name in ("gait", "speed_mps", "height_m")}
-    return {"kind": "human", **shared, "step_time_sd": STEP_TIME_SD, "step_length_sd": STEP_LENGTH_SD}
-
-
-def _make_animal(who: str) -> Callable[[Mapping[str, Value]], dict[str, Value]]:
-    def motion(values: Mapping[str, Value]) -> dict[str, Value]:
-        shared = {name: values[name] for name in ("gait", "speed_mps", "withers_m")}
-        return {"kind": "quadruped", "build": BUILD_OF[who], **shared, "stride_variation": STRIDE_VARIATION}
-
-    return motion
-
-
-MOTIONS: Mapping[str, Callable[[Mapping[str, Value]], dict[str, Value]]] = {
-    "person": _make_person,
-    "dog": _make_animal("dog"),
-    "cat": _make_animal("cat"),
-    "fan": lambda values: {"kind": "fan", "rotation_hz": values["rotation_hz"]},
-    "curtain": lambda values: {"kind": "curtain"},
-    "vacuum": lambda values: {"kind": "vacuum", "speed_mps": values["speed_mps"]},
+MOTIONS: Mapping[str, tuple[dict[str, Value], tuple[str, ...]]] = {
+    "person": (
+        {"kind": "human", "step_time_sd": STEP_TIME_SD, "step_length_sd": STEP_LENGTH_SD},
+        ("gait", "speed_mps", "height_m"),
+    ),
+    **{
+        who: (
+            {"kind": "quadruped", "build": build, "stride_variation": STRIDE_VARIATION},
+            ("gait", "speed_mps", "withers_m"),
+        )
+        for who, build in BUILD_OF.items()
+    },
+    "fan": ({"kind": "fan"}, ("rotation_hz",)),
+    "curtain": ({"kind": "curtain"}, ()),
+    "vacuum": ({"kind": "vacuum"}, ("speed_mps",)),
 }
-"""Motion model of every target, and its parameters."""
+"""Motion model of every target, and the controls that are its parameters."""
+
+
+def make_motion(who: str, values: Mapping[str, Value]) -> dict[str, Value]:
+    """Return the motion of a target."""
+    fixed, names = MOTIONS[who]
+    return {**fixed, **{name: values[name] for name in names}}
 
 
 def run_of(parameters: Mapping[str, str]) -> Run:
@@ -457,27 +454,5 @@ def run_of(parameters: Mapping[str, str]) -> Run:
 
 def answer_scene(run: Run, parameters: Mapping[str, str]) -> dict[str, Any]:
     """Return the answer of ``api/scene``."""
-    return {"toml": format_scene_toml(make_scene_table(parameters)), "notes": list(run.notes)}
-
-
-def format_scene_toml(table: Mapping[str, Any]) -> str:
-    """Format a scene file as TOML."""
-    plain = {key: value for key, value in table.items() if not isinstance(value, dict | list)}
-    lines = ["# doppelgait simulate scene.toml -o recording.h5", *_rows(plain)]
-    for name, section in table.items():
-        if isinstance(section, dict):
-            lines += ["", f"[{name}]", *_rows(section)]
-    for target in table["targets"]:
-        lines += ["", "[[targets]]", *_rows(target)]
-    return "\n".join(lines) + "\n"
-
-
-def _rows(section: Mapping[str, Any]) -> list[str]:
-    lines = []
-    for key, value in section.items():
-        if isinstance(value, dict):
-            text = "{ " + ", ".join(_rows(value)) + " }"
-        else:
-            text = f'"{value}"' if isinstance(value, str) else repr(value)
-        lines.append(f"{key} = {text}")
-    return lines
+    head = "# doppelgait simulate scene.toml -o recording.h5\n"
+    return {"toml": head + write_toml(make_scene_table(parameters)), "notes": list(run.notes)}

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
 
-from doppelgait.viewer.app import read_static_files
+from doppelgait.viewer.app import STATIC
 from viewer_client import TOKEN, served
 
 HEADERS = {
@@ -40,7 +40,7 @@ def refused(answer, status):
 def test_page_and_files_are_given_to_who_knows_the_token(viewer, host):
     page = viewer.ask(f"/{TOKEN}/", host=f"{host}:{viewer.port}")
     assert (page.status, page.headers["content-type"]) == (200, "text/html; charset=utf-8")
-    assert page.body == read_static_files()["index.html"][0]
+    assert page.body == (STATIC / "index.html").read_bytes()
     assert {name: page.headers.get(name) for name in HEADERS} == HEADERS
     assert "server" not in page.headers
     script = viewer.ask(f"/{TOKEN}/static/main.js", Sec_Fetch_Site="same-origin")
@@ -125,17 +125,6 @@ def test_long_addresses_are_refused(viewer):
 )  # fmt: skip
 def test_nothing_but_the_table_is_served(viewer, path):
     assert refused(viewer.ask(f"/{TOKEN}/{path}"), 404)
-
-
-def test_only_files_of_the_page_are_in_the_table(tmp_path, monkeypatch):
-    import doppelgait.viewer.app as app
-
-    (tmp_path / "static").mkdir()
-    (tmp_path / "static" / "index.html").write_text("page")
-    (tmp_path / "static" / "notes.txt").write_text("not for the page")
-    (tmp_path / "static" / "folder.js").mkdir()
-    monkeypatch.setattr(app.resources, "files", lambda package: tmp_path)
-    assert set(read_static_files()) == {"index.html"}
 
 
 def test_web_sockets_are_refused(viewer):

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -30,30 +31,30 @@ from doppelgait.cli.output import explain_reader_options
 from doppelgait.core.errors import DatasetError
 from doppelgait.dataset import open_dataset
 from doppelgait.radar import read_recording, write_sigmf
-from doppelgait.viewer.settings import parse_settings
-from doppelgait.viewer.source import all_ranges_m, can_track, open_path
+from doppelgait.viewer.settings import Settings
+from doppelgait.viewer.source import open_path
 from viewer_client import served
 
-RUN_ADDRESSES = ("recording", "targets", "range-doppler", "sound")
+RUN_ADDRESSES = ("recording", "targets", "range-doppler", "sound", "detail", "decisions")
 DATASET_ADDRESSES = ("dataset", "rows", "balance", "scatter", "sheet", "row-id")
 
 
 @pytest.fixture(scope="module")
 def walk(files):
-    settings = parse_settings("truth", [], [])
+    settings = Settings(gate="truth", gate_asked=True)
     with served(open_path(files / "walk.h5", settings), settings) as client:
         yield client
 
 
 @pytest.fixture(scope="module")
 def dataset(folder):
-    with served(open_path(folder, parse_settings(None, [], []))) as client:
+    with served(open_path(folder, Settings())) as client:
         yield client
 
 
 def test_recording_is_opened(walk):
     session = walk.facts("session")
-    assert (session["kind"], session["name"], session["gates"]) == ("recording", "walk.h5", ["track", "truth"])
+    assert (session["kind"], session["name"]) == ("recording", "walk.h5")
     assert session["default_gate"] == "truth"
     assert len(session["colour_maps"]["magma"]) == 256 * 6
     for address in ("recording", "targets", "range-doppler"):
@@ -71,7 +72,7 @@ def test_recording_is_opened(walk):
 
 
 def test_result_is_opened(files, walk):
-    opened = open_path(files / "result.h5", parse_settings(None, [], []))
+    opened = open_path(files / "result.h5", Settings())
     with served(opened) as client:
         assert client.facts("session")["kind"] == "result"
         shown, expected = client.facts("targets")["targets"][0], walk.facts("targets?clutter=none")["targets"][0]
@@ -146,16 +147,15 @@ def test_parameters_of_a_dataset_are_checked(dataset, path):
 
 def test_other_formats_are_opened(files, walk):
     write_sigmf(read_recording(files / "walk.h5"), files / "walk.sigmf-meta")
-    with served(open_path(files / "walk.sigmf-meta", parse_settings("3:6", [], []))) as client:
+    with served(open_path(files / "walk.sigmf-meta", Settings(gate=(3.0, 6.0), gate_asked=True))) as client:
         shown, expected = client.facts("recording?clutter=none"), walk.facts("recording?clutter=none")
         assert shown["range_time"]["db"] == pytest.approx(expected["range_time"]["db"], abs=1e-4)
         assert (shown["bodies"], shown["scene"]) == ([], None)
-        assert client.facts("session")["gates"] == ["track"]
         assert client.facts("targets")["targets"][0]["truth"] is None
 
 
 def test_what_cannot_be_opened(files, tmp_path):
-    settings = parse_settings(None, [], [])
+    settings = Settings()
     with pytest.raises(RecordingError, match="no such file"):
         open_path(tmp_path / "nothing.h5", settings)
     (tmp_path / "dataset.json").write_text("{}")
@@ -165,27 +165,15 @@ def test_what_cannot_be_opened(files, tmp_path):
     torn.write_bytes((files / "result.h5").read_bytes()[:5000])
     with pytest.raises(DoppelgaitError, match=r"torn\.h5"):
         open_path(torn, settings)
-    with pytest.raises(ConfigError, match="gate"):
-        parse_settings("nearby", [], [])
     with pytest.raises(
         ConfigError, match=r"--gate: gate 50 to 60 m: lies outside the recorded frame, -0\.03 to 9\.\d+ m"
     ):
-        open_path(files / "walk.h5", parse_settings("50:60", [], []))
-
-
-def test_what_cannot_be_tracked_is_shown_whole(files):
-    recording = open_path(files / "walk.h5", parse_settings(None, [], [])).run.recording
-    assert can_track(recording)
-    low_m, high_m = all_ranges_m(recording)
-    range_m = recording.baseband["range"].values
-    assert (low_m, high_m) == pytest.approx((range_m[0] - 0.0257, range_m[-1] + 0.0257), abs=1e-4)
+        open_path(files / "walk.h5", Settings(gate=(50.0, 60.0), gate_asked=True))
 
 
 @pytest.mark.parametrize("way", ["../../walk", "{outside}", "linked"])
 def test_arrays_outside_the_dataset_are_refused(files, folder, tmp_path, way):
     """An index that was tampered with, and a link among the shards."""
-    import shutil
-
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy)
     shard = pd.read_parquet(folder / "index.parquet")["shard"].iloc[0]
@@ -197,7 +185,7 @@ def test_arrays_outside_the_dataset_are_refused(files, folder, tmp_path, way):
     put_index(copy, index)
     with pytest.raises(DatasetError, match="outside the folder"):
         open_dataset(copy).array("signature", 0)
-    with served(open_path(copy, parse_settings(None, [], []))) as client:
+    with served(open_path(copy, Settings())) as client:
         assert "outside the folder" in client.fault(f"targets?example={index['id'].iloc[0]}", 422)
     assert open_dataset(folder).array("signature", 0).size
 
@@ -214,8 +202,6 @@ def test_address_is_this_computer_alone_and_ports_are_not_shared():
 
 
 def test_command_prints_the_address_and_ends_when_interrupted(files):
-    import urllib.request
-
     command = [*processes.COMMAND, "view", str(files / "walk.h5"), "--gate", "truth", "--no-browser"]
     with processes.started(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         url = process.stdout.readline().strip()
@@ -331,7 +317,7 @@ REAL = {
 @pytest.mark.shared
 @pytest.mark.parametrize("name", REAL)
 def test_measured_recordings_are_opened(shared, name):
-    opened = open_path(shared / "data" / "radar" / name, parse_settings(None, [], []))
+    opened = open_path(shared / "data" / "radar" / name, Settings())
     with served(opened) as client:
         session, recording = client.facts("session"), client.facts("recording")
         assert session["default_gate"].startswith(REAL[name])

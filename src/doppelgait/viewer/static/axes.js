@@ -50,7 +50,7 @@ function drawX(context, box, { limits, name, unit, labels = true }) {
   context.textBaseline = "top";
   for (const value of values) {
     const at = Math.round(scale(value)) + 0.5;
-    line(context, at, box.bottom, at, box.bottom + 4);
+    drawPath(context, [[at, box.bottom], [at, box.bottom + 4]]);
     if (labels) context.fillText(fixed(value, decimals), at, box.bottom + 6);
   }
   if (labels) context.fillText(`${name} (${unit})`, (box.left + box.right) / 2, box.bottom + 20);
@@ -64,7 +64,7 @@ function drawY(context, box, { limits, name, unit }, { at, outwards, name: nameA
   context.textBaseline = "middle";
   for (const value of values) {
     const y = Math.round(scale(value)) + 0.5;
-    line(context, at, y, at + 4 * outwards, y);
+    drawPath(context, [[at, y], [at + 4 * outwards, y]]);
     context.fillText(fixed(value, decimals), at + 7 * outwards, y);
   }
   context.save();
@@ -75,9 +75,22 @@ function drawY(context, box, { limits, name, unit }, { at, outwards, name: nameA
   context.restore();
 }
 
-export function line(context, x0, y0, x1, y1) {
+/** A line through points in pixels. */
+export function drawPath(context, [first, ...others]) {
   context.beginPath();
-  context.moveTo(x0, y0);
-  context.lineTo(x1, y1);
+  context.moveTo(...first);
+  for (const point of others) context.lineTo(...point);
   context.stroke();
+}
+
+/** A text with an edge, so that it is read on any colour. */
+export function drawText(context, words, x, y, colour, edge = "rgba(0, 0, 0, 0.7)") {
+  context.font = FONT;
+  context.textAlign = "center";
+  context.textBaseline = "top";
+  context.lineWidth = 3;
+  context.strokeStyle = edge;
+  context.strokeText(words, x, y);
+  context.fillStyle = colour;
+  context.fillText(words, x, y);
 }

@@ -1,8 +1,7 @@
 // Class balance: matching rows of every class in every split, as numbers on bars.
 
-import { dot } from "./filters.js";
 import { counted } from "./table.js";
-import { element } from "./ui.js";
+import { dot, element } from "./ui.js";
 
 /** Table in `container`; `draw(answer)` takes `{splits, counts}`. */
 export function makeBalance(container, colours) {

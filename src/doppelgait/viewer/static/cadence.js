@@ -1,10 +1,10 @@
 // Cadence-velocity diagram and, on the same cadence axis, the cadence spectrum with its marked peaks.
 
-import { drawLine, drawPicture, makeChart, MARGINS, withEdge } from "./chart.js";
+import { drawLine, makeChart, MARGINS, withEdge } from "./chart.js";
 import { themeColours } from "./canvas.js";
-import { FONT } from "./axes.js";
-import { makeBar, makeTones } from "./levels.js";
-import { cellAt, edges, levelDb, occupied, paint, valueAt } from "./picture.js";
+import { drawPath, drawText } from "./axes.js";
+import { makeLevels } from "./levels.js";
+import { cellAt, edges, valueAt } from "./picture.js";
 import * as state from "./state.js";
 import { element, fixed, makePanel, words } from "./ui.js";
 
@@ -17,9 +17,7 @@ export function makeCadence(page) {
   const { session, band, before } = page;
   const panel = makePanel("cadence", before + TITLE);
   const below = makeBelow(panel);
-  const picture = element("canvas");
-  const bar = makeBar(panel.tools, session);
-  const tonesOf = makeTones(session);
+  const levels = makeLevels(panel, session, () => [map, spectrum].forEach((chart) => chart.redraw()));
   let shown = null; // {image, codes, spectrum, arrays, own}
   const map = makeChart(panel, "cadence", {
     label: "Cadence-velocity diagram: cadence against Doppler",
@@ -45,7 +43,7 @@ export function makeCadence(page) {
       },
     draw: drawSpectrum,
   });
-  return { node: panel.node, show, say: panel.say, redraw, tick, destroy };
+  return { node: panel.node, show, say: panel.say, redraw: levels.repaint, tick, destroy };
 
   function show(target, arrays) {
     shown = target && {
@@ -53,28 +51,16 @@ export function makeCadence(page) {
       codes: arrays[target.cadence_map.array],
       spectrum: target.cadence_spectrum,
       arrays,
-      own: target.aligned ? ownBand(target, arrays) : null,
+      own: target.aligned ? target.cadence_map.band_hz : null,
     };
     panel.heading.textContent = before + (shown?.own ? `${TITLE} about the main line` : TITLE);
-    redraw();
-  }
-
-  /** Band of a map with Doppler relative to the main line; it differs from that of the signature. */
-  function ownBand({ cadence_band_hz: stated, cadence_map: image }, arrays) {
-    return stated ?? image.band_hz ?? occupied(image, arrays[image.array]);
+    levels.show(shown?.image ?? null, shown?.codes);
   }
 
   function dopplerLimits() {
     const whole = edges(shown.image.y);
     if (!shown.own) return band() ?? whole;
     return state.get("band") === "all" ? whole : shown.own;
-  }
-
-  function redraw() {
-    bar(shown?.image ?? null);
-    if (shown) paint(picture, shown.codes, [shown.image.x.n, shown.image.y.n], tonesOf(shown.image));
-    map.redraw();
-    spectrum.redraw();
   }
 
   /** Right end of the cadence axis: what shows three harmonics, 8 Hz or more. */
@@ -100,30 +86,18 @@ export function makeCadence(page) {
   }
 
   function drawMap(context) {
-    drawPicture(context, map, picture, shown.image);
+    levels.draw(context, map);
     for (const peak of shown.spectrum?.peaks ?? []) drawTick(context, peak);
   }
 
   function drawTick(context, { hz, name }) {
     const at = map.x(hz);
-    withEdge(context, PEAK, 1.5, () => {
-      context.beginPath();
-      context.moveTo(at, map.box.top);
-      context.lineTo(at, map.box.top + 9);
-      context.stroke();
-    });
-    label(context, name, at, map.box.top + 12, PEAK, "rgba(0, 0, 0, 0.7)");
+    withEdge(context, PEAK, 1.5, () => drawPath(context, [[at, map.box.top], [at, map.box.top + 9]]));
+    drawText(context, nameOf(name), at, map.box.top + 12, PEAK);
   }
 
-  function label(context, name, x, y, colour, edge) {
-    context.font = FONT;
-    context.textAlign = "center";
-    context.textBaseline = "top";
-    context.lineWidth = 3;
-    context.strokeStyle = edge;
-    context.strokeText(NAMES[name] ?? words(name), x, y);
-    context.fillStyle = colour;
-    context.fillText(NAMES[name] ?? words(name), x, y);
+  function nameOf(peak) {
+    return NAMES[peak] ?? words(peak);
   }
 
   function drawSpectrum(context) {
@@ -141,28 +115,21 @@ export function makeCadence(page) {
       const top = cell === null ? spectrum.box.top : spectrum.y(values[Math.min(cell, values.length - 1)]);
       context.strokeStyle = colours.accent;
       context.setLineDash([2, 2]);
-      context.beginPath();
-      context.moveTo(at, spectrum.box.bottom);
-      context.lineTo(at, top);
-      context.stroke();
+      drawPath(context, [[at, spectrum.box.bottom], [at, top]]);
       context.setLineDash([]);
       context.fillStyle = colours.accent;
       context.beginPath();
       context.arc(at, top, 3, 0, 2 * Math.PI);
       context.fill();
-      label(context, name, at, Math.max(top - 18, spectrum.box.top + 1), colours.accent, colours.plot);
+      drawText(context, nameOf(name), at, Math.max(top - 18, spectrum.box.top + 1), colours.accent, colours.plot);
     }
   }
 
   function readMap(cadence, doppler) {
-    const { image, codes } = shown;
-    const [column, row] = [cellAt(image.x, cadence), cellAt(image.y, doppler)];
-    if (column === null || row === null) return `${fixed(cadence, 3)} Hz · ${fixed(doppler, 2)} Hz`;
-    const hertz = valueAt(image.y, row);
-    const speed = image.y.second ? ` · ${fixed(hertz * image.y.second.scale, 3)} m/s` : "";
-    const level = `${fixed(levelDb(image, codes, column, row), 2)} ${image.unit}`;
+    const cell = levels.at(cadence, doppler);
+    if (!cell) return `${fixed(cadence, 3)} Hz · ${fixed(doppler, 2)} Hz`;
     const where = shown.own ? ` ${FROM_LINE}` : "";
-    return `cadence ${fixed(valueAt(image.x, column), 3)} Hz · ${fixed(hertz, 2)} Hz${speed}${where} · ${level}`;
+    return `cadence ${fixed(cell.x, 3)} Hz · ${fixed(cell.y, 2)} Hz${cell.speed}${where} · ${cell.level}`;
   }
 
   function readSpectrum(cadence) {

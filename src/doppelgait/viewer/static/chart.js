@@ -1,6 +1,6 @@
 // A chart: axes around a picture, lines over it, a cursor, and the value under the mouse.
 
-import { drawAxes, linear } from "./axes.js";
+import { drawAxes, drawPath, linear } from "./axes.js";
 import { makeLayers, themeColours } from "./canvas.js";
 import { edges } from "./picture.js";
 
@@ -13,7 +13,7 @@ export const CURSOR = "#ffffff";
  * depend on what is shown), or null while there is nothing;
  * `draw(context, chart)` paints inside the frame; `drawOver(context, chart)` what moves. `read(x, y)` gives the text for
  * the mouse at data coordinates; `drag(x)` is called for a click or drag. `zoom` holds the axes (see zoom.js) that the
- * wheel changes, `page` the zoom and the measurement of the whole page.
+ * wheel changes, `page` the zoom and the tools of the whole page.
  */
 export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, read, drag = null, margins = MARGINS, zoom = {}, page = {} }) {
   let mouse = null;
@@ -27,9 +27,8 @@ export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, r
   canvas.addEventListener("pointerup", onUp);
   if (zoom.x || zoom.y) {
     canvas.addEventListener("wheel", onWheel, { passive: false });
-    canvas.addEventListener("dblclick", () => !page.measure.on && page.zoom.reset());
+    canvas.addEventListener("dblclick", () => !tool() && page.zoom.reset());
   }
-  if (drag) canvas.classList.add("seekable");
   return chart;
 
   function redraw() {
@@ -62,7 +61,7 @@ export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, r
     if (!chart.view) return;
     inside(context, () => {
       drawOver(context, chart);
-      page.measure?.draw(context, chart);
+      for (const one of page.tools ?? []) one.draw(context, chart);
       if (mouse) drawCross(context);
     });
   }
@@ -80,12 +79,13 @@ export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, r
   function drawCross(context) {
     context.strokeStyle = "rgba(255, 255, 255, 0.45)";
     context.lineWidth = 1;
-    context.beginPath();
-    context.moveTo(chart.box.left, mouse.y);
-    context.lineTo(chart.box.right, mouse.y);
-    context.moveTo(mouse.x, chart.box.top);
-    context.lineTo(mouse.x, chart.box.bottom);
-    context.stroke();
+    drawPath(context, [[chart.box.left, mouse.y], [chart.box.right, mouse.y]]);
+    drawPath(context, [[mouse.x, chart.box.top], [mouse.x, chart.box.bottom]]);
+  }
+
+  /** The tool that is switched on: it takes the clicks. */
+  function tool() {
+    return page.tools?.find((one) => one.on);
   }
 
   function place(event) {
@@ -98,7 +98,7 @@ export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, r
     const at = place(event);
     const { left, right, top, bottom } = chart.box;
     mouse = at.x >= left && at.x <= right && at.y >= top && at.y <= bottom ? at : null;
-    if (page.measure?.on) page.measure.move(chart, dataAt(at));
+    if (tool()) tool().move(chart, dataAt(at));
     else if (moving && event.buttons === 1) scroll(at);
     else if (drag && event.buttons === 1 && canvas.hasPointerCapture(event.pointerId)) drag(chart.x.invert(at.x));
     readOut();
@@ -114,9 +114,9 @@ export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, r
   function onDown(event) {
     if (!chart.box || event.button !== 0) return;
     const at = place(event);
-    if (page.measure?.on) {
+    if (tool()) {
       pressed = at;
-      return page.measure.start(chart, dataAt(at));
+      return tool().start(chart, dataAt(at));
     }
     if (event.shiftKey && (zoom.x || zoom.y)) moving = at;
     else if (!drag) return;
@@ -124,10 +124,10 @@ export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, r
     if (!moving) drag(chart.x.invert(at.x));
   }
 
-  /** A measurement may also be drawn in one go, with the button held. */
+  /** Two points may also be taken in one go, with the button held. */
   function onUp(event) {
     const at = place(event);
-    if (page.measure?.on && pressed && Math.hypot(at.x - pressed.x, at.y - pressed.y) > 4) page.measure.finish(chart, dataAt(at));
+    if (tool() && pressed && Math.hypot(at.x - pressed.x, at.y - pressed.y) > 4) tool().finish(chart, dataAt(at));
     moving = pressed = null;
   }
 
@@ -194,14 +194,6 @@ export function drawLine(context, chart, count, pointAt) {
   context.stroke();
 }
 
-/** A line through points in pixels. */
-export function drawPath(context, [first, ...others]) {
-  context.beginPath();
-  context.moveTo(...first);
-  for (const point of others) context.lineTo(...point);
-  context.stroke();
-}
-
 /** Stroke twice, dark (or as `edge` says) and wide below, so that a line is seen on any colour. */
 export function withEdge(context, colour, width, stroke, edge = "rgba(0, 0, 0, 0.55)") {
   context.lineWidth = width + 1.4;
@@ -215,10 +207,5 @@ export function withEdge(context, colour, width, stroke, edge = "rgba(0, 0, 0, 0
 /** The time cursor. */
 export function drawCursor(context, chart, time) {
   const at = Math.round(chart.x(time)) + 0.5;
-  withEdge(context, CURSOR, 1.5, () => {
-    context.beginPath();
-    context.moveTo(at, chart.box.top);
-    context.lineTo(at, chart.box.bottom);
-    context.stroke();
-  });
+  withEdge(context, CURSOR, 1.5, () => drawPath(context, [[at, chart.box.top], [at, chart.box.bottom]]));
 }

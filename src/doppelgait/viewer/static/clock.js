@@ -10,10 +10,8 @@ export function makeClock() {
   const listeners = new Set();
   let frame = null;
   let previous = 0;
-  let frames = 0;
-  let since = 0;
   const clock = {
-    start: 0, stop: 1, step: 0.02, time: 0, playing: false, speed: 1, loop: true, fps: 0, ready: false,
+    start: 0, stop: 1, step: 0.02, time: 0, playing: false, speed: 1, loop: true, ready: false,
     setRange, play, pause, seek, setSpeed, setLoop, subscribe, destroy,
     toggle: () => (clock.playing ? pause() : play()),
     move: (steps) => seek(clock.time + steps * clock.step),
@@ -38,8 +36,7 @@ export function makeClock() {
     if (clock.playing) return;
     if (clock.time >= clock.stop - 1e-9) clock.time = clock.start;
     clock.playing = true;
-    previous = since = performance.now();
-    frames = 0;
+    previous = performance.now();
     frame = requestAnimationFrame(tick);
     notify();
   }
@@ -55,11 +52,6 @@ export function makeClock() {
     frame = requestAnimationFrame(tick);
     advance((Math.max(now - previous, 0) / 1000) * clock.speed);
     previous = now;
-    frames += 1;
-    if (now - since >= 500) {
-      clock.fps = (1000 * frames) / (now - since);
-      [frames, since] = [0, now];
-    }
     notify();
   }
 

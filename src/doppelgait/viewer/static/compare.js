@@ -1,8 +1,8 @@
 // A second recording below the first: the same time line and Doppler band, and its features; its colours have levels of their own.
 
 import { getPayload, isAborted } from "./api.js";
+import { makeDetail } from "./detail.js";
 import { makeFeatures } from "./features.js";
-import { occupied } from "./picture.js";
 import { makeRangeTime } from "./range_time.js";
 import { makeSignature } from "./signature.js";
 
@@ -13,9 +13,10 @@ export function makeCompare(page, changed) {
   const signature = makeSignature(page, { id: "other-signature", before });
   const features = makeFeatures(page, { id: "other-features", before });
   const compare = {
-    times: null, band: null, targets: [], name: page.session.other, panels: [rangeTime, signature, features], load, tick, redraw, destroy,
+    times: null, band: null, targets: [], name: page.session.other, panels: [rangeTime, signature, features], load, tick, redraw, refine, destroy,
     stacked: [rangeTime.node, signature.node], features: features.node,
   };
+  const detail = makeDetail(page, { rangeTime, signature }, "other");
   let job = 0;
   return compare;
 
@@ -23,27 +24,44 @@ export function makeCompare(page, changed) {
     const mine = ++job;
     const ask = (path) => getPayload(path, { ...params, run: 2 }, { key: `other ${path}` });
     try {
-      const [recording, targets] = await Promise.all([ask("api/recording"), ask("api/targets")]);
+      const recording = await ask("api/recording");
+      if (mine !== job) return;
+      showRecording(recording);
+      const targets = await ask("api/targets");
       if (mine === job) show(recording, targets);
     } catch (error) {
       if (!isAborted(error) && mine === job) say(error.message);
     }
   }
 
-  function show(recording, { facts, arrays }) {
+  function showRecording(recording) {
     const { start_s: start, duration_s: duration } = recording.facts;
-    const target = facts.targets[0] ?? null;
-    const image = target?.signature;
     compare.times = [start, start + duration];
-    compare.band = image ? occupied(image, arrays[image.array]) : null;
-    compare.targets = facts.targets;
     rangeTime.show(recording);
     signature.showTruth(recording);
-    rangeTime.showTargets({ targets: facts.targets, arrays, selected: 0 });
-    say(target ? null : facts.reason);
+    if (recording.facts.signature) showTarget({ signature: recording.facts.signature, overview: true }, recording.arrays);
+  }
+
+  function show(recording, { facts, arrays }) {
+    const [target] = facts.targets;
+    compare.targets = facts.targets;
+    rangeTime.showTargets({ targets: facts.targets, arrays, selected: 0, overview: recording.facts });
+    features.say(target ? null : facts.reason);
+    if (target) showTarget(target, arrays);
+    else if (!recording.facts.signature) signature.say(facts.reason);
+    features.show(target ?? null, arrays);
+  }
+
+  function showTarget(target, arrays) {
+    const image = target.signature;
+    compare.band = image?.band_hz ?? null;
+    signature.say(null);
     signature.show(image ? target : null, arrays);
-    features.show(target, arrays);
     changed();
+  }
+
+  function refine(params) {
+    detail.follow({ ...params, run: 2, target: compare.targets[0]?.gate_limits ? 0 : null });
   }
 
   function say(reason) {
@@ -60,6 +78,7 @@ export function makeCompare(page, changed) {
 
   function destroy() {
     job += 1;
+    detail.destroy();
     for (const panel of [rangeTime, signature]) panel.destroy();
   }
 }

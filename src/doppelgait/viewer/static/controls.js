@@ -4,7 +4,7 @@ import * as state from "./state.js";
 import { element, field, fillSelect, span } from "./ui.js";
 
 const GATE_WORDS = { track: "tracked", truth: "true range" };
-const STORED = ["result", "example"]; // kinds of runs that show what was stored until a gate is chosen
+export const STORED = ["result", "example"]; // kinds of runs that show what was stored until a gate is chosen
 const OWN = "own";
 const CLUTTER = [["median", "remove median"], ["mean", "remove mean"], ["exponential", "remove exponential mean"], ["mti", "remove by MTI"], ["none", "keep"]];
 /** Numbers of the analysis: name of the parameter, words, unit, and what it is. */

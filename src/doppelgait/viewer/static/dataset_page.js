@@ -14,7 +14,6 @@ const TABLE_PAGE = 50;
 const STANDARD_AXES = ["feature_torso_velocity_mps", "feature_step_length_m"];
 
 export async function show(container, session) {
-  await addStyle();
   const facts = session.dataset;
   const list = element("div", { class: "dataset" });
   const opened = element("div", { class: "opened", hidden: true });
@@ -210,12 +209,4 @@ function makeSorting(holder, facts, onSort) {
     direction.setAttribute("aria-pressed", String(Boolean(descending)));
     direction.textContent = descending ? "falling ↓" : "rising ↑";
   }
-}
-
-function addStyle() {
-  const there = document.querySelector("link[data-name=dataset]");
-  if (there) return null;
-  const link = element("link", { rel: "stylesheet", "data-name": "dataset", href: new URL("dataset.css", import.meta.url) });
-  document.head.append(link);
-  return new Promise((done) => { link.onload = link.onerror = done; });
 }

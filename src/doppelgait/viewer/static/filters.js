@@ -1,6 +1,6 @@
 // Filter form of the dataset browser. What is chosen leaves as [name, value] pairs, exactly what the server takes.
 
-import { element, flagWords, significant } from "./ui.js";
+import { dot, element, flagWords, significant } from "./ui.js";
 
 const USUAL = 8; // values of a category that are all shown as switches; more become a list to choose from
 const TYPING_MS = 250; // after this pause what has been typed is meant
@@ -133,13 +133,6 @@ function categoryFilter(column, colours, changed) {
     },
     focus: () => boxes[0].focus(),
   };
-}
-
-/** A spot in the colour of a class. */
-export function dot(colour) {
-  const spot = element("span", { class: "dot", "aria-hidden": "true" });
-  spot.style.backgroundColor = colour;
-  return spot;
 }
 
 function longCategoryFilter(column, changed) {

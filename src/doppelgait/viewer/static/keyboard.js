@@ -17,7 +17,7 @@ const KEYS = [
   ["double click, 0", "all of the time and Doppler axes"],
   ["z Z, a d", "zoom in and out, scroll in time"],
   ["y Y, s w", "zoom in and out, scroll in Doppler"],
-  ["m, Esc", "measure between two points; end"],
+  ["m, n, Esc", "measure between two points; annotate a span of time; end"],
 ];
 const TYPING = "input:not([type=checkbox]), select, textarea, [contenteditable]";
 const USES_SPACE = "button, select, summary, input:not([type=range]), textarea, [contenteditable]";

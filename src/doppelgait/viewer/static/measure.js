@@ -1,58 +1,70 @@
-// Measuring: two points in a picture, and the difference between them.
+// Tools that take two points of a picture, and one of them: the measurement of differences.
 
-import { FONT } from "./axes.js";
+import { drawPath, FONT } from "./axes.js";
 import { withEdge } from "./chart.js";
 import { element, fixed } from "./ui.js";
 
 const COLOUR = "#9cff57";
 
-/** One measurement for all charts. `button` switches it on; `changed()` is called when something must be drawn again. */
-export function makeMeasure(changed) {
-  const button = element("button", { id: "measure", type: "button", "aria-pressed": "false", onclick: () => toggle() }, "measure");
-  button.title = "Click two points of a picture: differences in time, range, Doppler and velocity (m; Esc ends)";
-  const measure = { on: false, chart: null, from: null, to: null, done: false, button, toggle, start, move, finish, draw };
-  return measure;
+/**
+ * A tool for all charts of a page, switched on by its button: two clicks, or a drag. `paint(context, chart, from, to)`
+ * shows what is taken, `taken(from, to)` is called at its end, `changed()` when something must be drawn again.
+ */
+export function makeTool(page, words, title, { paint, taken = () => {}, fits = () => true, changed }) {
+  const button = element("button", { id: words, type: "button", "aria-pressed": "false", title, onclick: () => toggle() }, words);
+  const tool = { on: false, chart: null, from: null, to: null, done: false, button, toggle, start, move, finish, draw };
+  page.tools.push(tool);
+  return tool;
 
-  function toggle(on = !measure.on) {
-    Object.assign(measure, { on, chart: null, from: null, to: null, done: false });
+  function toggle(on = !tool.on) {
+    for (const other of on ? page.tools : []) if (other.on) other.toggle(false);
+    Object.assign(tool, { on, chart: null, from: null, to: null, done: false });
     button.setAttribute("aria-pressed", String(on));
-    document.body.classList.toggle("measuring", on);
+    document.body.classList.toggle("measuring", page.tools.some((one) => one.on));
     changed();
   }
 
-  /** First point, or the second of a measurement that has begun in this chart. */
+  /** First point, or the second of a pair that has begun in this chart. */
   function start(chart, point) {
-    if (measure.chart === chart && !measure.done) return finish(chart, point);
-    Object.assign(measure, { chart, from: point, to: point, done: false });
+    if (!fits(chart)) return;
+    if (tool.chart === chart && !tool.done) return finish(chart, point);
+    Object.assign(tool, { chart, from: point, to: point, done: false });
     changed();
   }
 
   function move(chart, point) {
-    if (measure.chart !== chart || measure.done) return;
-    measure.to = point;
+    if (tool.chart !== chart || tool.done) return;
+    tool.to = point;
     changed();
   }
 
   function finish(chart, point) {
-    if (measure.chart === chart) Object.assign(measure, { to: point, done: true });
+    if (tool.chart !== chart || tool.done) return;
+    Object.assign(tool, { to: point, done: true });
+    taken(tool.from, point);
     changed();
   }
 
   function draw(context, chart) {
-    if (measure.chart !== chart) return;
-    const [from, to] = [measure.from, measure.to].map(([x, y]) => [chart.x(x), chart.y(y)]);
+    if (tool.chart === chart) paint(context, chart, tool.from, tool.to);
+  }
+}
+
+export function makeMeasure(page, changed) {
+  const title = "Click two points of a picture: differences in time, range, Doppler and velocity (m; Esc ends)";
+  return makeTool(page, "measure", title, { paint, changed });
+
+  function paint(context, chart, ...points) {
+    const [from, to] = points.map(([x, y]) => [chart.x(x), chart.y(y)]);
     withEdge(context, COLOUR, 1.6, () => {
-      context.beginPath();
-      context.moveTo(...from);
-      context.lineTo(...to);
-      context.stroke();
+      drawPath(context, [from, to]);
       for (const point of [from, to]) {
         context.beginPath();
         context.arc(...point, 3, 0, 2 * Math.PI);
         context.stroke();
       }
     });
-    label(context, chart.box, difference(chart.view, measure.from, measure.to), to);
+    label(context, chart.box, difference(chart.view, ...points), to);
   }
 }
 

@@ -61,37 +61,3 @@ export function edges(axis) {
   const step = axis.step || 1;
   return [axis.first - step / 2, axis.first + (axis.n - 0.5) * step];
 }
-
-/**
- * Part of a Doppler axis worth showing: rows that stand out of the noise, 0 Hz and a margin; all of it where that is
- * most. The floor is what a fifth of the rows keep below; rows 40 dB below the strongest are not counted.
- */
-export function occupied(image, codes) {
-  const strongest = rowQuantiles(image, codes, 0.97);
-  const sorted = [...strongest].sort((a, b) => a - b);
-  const floor = sorted[Math.floor(0.2 * (sorted.length - 1))];
-  const quiet = sorted[Math.floor(0.02 * (sorted.length - 1))];
-  const threshold = Math.max(floor + Math.max(3, 2.5 * (floor - quiet)), sorted[sorted.length - 1] - 40);
-  const above = (row) => strongest[row] > threshold;
-  let [low, high] = [0, 0];
-  for (let row = 1; row < image.y.n - 1; row += 1) {
-    if (!(above(row - 1) && above(row) && above(row + 1))) continue; // a line is three rows wide, chance peaks are not
-    low = Math.min(low, valueAt(image.y, row - 1));
-    high = Math.max(high, valueAt(image.y, row + 1));
-  }
-  const whole = edges(image.y);
-  const margin = 0.12 * (high - low) + 2 * image.y.step;
-  if (high === low || high - low + 2 * margin > 0.7 * (whole[1] - whole[0])) return whole;
-  return [Math.max(low - margin, whole[0]), Math.min(high + margin, whole[1])];
-}
-
-function rowQuantiles(image, codes, share) {
-  const [columns, rows] = [image.x.n, image.y.n];
-  const every = Math.ceil(columns / 300); // enough columns for a quantile
-  const values = new Uint16Array(Math.ceil(columns / every));
-  return Float64Array.from({ length: rows }, (_, row) => {
-    for (let n = 0; n < values.length; n += 1) values[n] = codes[n * every * rows + row];
-    values.sort();
-    return image.db[0] + (values[Math.floor(share * (values.length - 1))] * (image.db[1] - image.db[0])) / 65535;
-  });
-}

@@ -1,11 +1,11 @@
 // Range-Doppler map of the coherent processing interval at the cursor, with the gate.
 
 import { getPayload, isAborted } from "./api.js";
-import { drawPicture, makeChart, withEdge } from "./chart.js";
-import { makeBar, makeTones } from "./levels.js";
-import { cellAt, edges, levelDb, paint, valueAt } from "./picture.js";
+import { makeChart, withEdge } from "./chart.js";
+import { makeLevels } from "./levels.js";
+import { edges, valueAt } from "./picture.js";
 import { gateAt, gateColour } from "./range_time.js";
-import { element, fixed, makePanel, showError } from "./ui.js";
+import { fixed, makePanel, showError } from "./ui.js";
 
 const CHUNK = 32;
 const AHEAD = 2; // chunks asked for before the cursor reaches them
@@ -23,9 +23,7 @@ function ownLevels(image, codes) {
 export function makeRangeDoppler(page) {
   const { session, clock, widest, zoom } = page;
   const panel = makePanel("range-doppler", `${page.before}Range-Doppler`);
-  const picture = element("canvas");
-  const bar = makeBar(panel.tools, session);
-  const tonesOf = makeTones(session);
+  const levels = makeLevels(panel, session, () => chart.redraw());
   let reference = null;
   let image = null; // facts of all frames: x range, y Doppler, time
   let chunks = new Map();
@@ -45,7 +43,7 @@ export function makeRangeDoppler(page) {
     draw,
     drawOver,
   });
-  return { node: panel.node, load, showTargets, redraw, tick, destroy: chart.destroy, step: () => image?.time.step };
+  return { node: panel.node, load, showTargets, redraw: levels.repaint, tick, destroy: chart.destroy };
 
   /** Take the frames of another run; the picture of the old one stays until the first of them has come. */
   async function load(runReference, reason) {
@@ -60,7 +58,6 @@ export function makeRangeDoppler(page) {
       image = { ...facts, x: facts.range, y: facts.doppler };
       plotted = null;
       panel.say(null);
-      bar(image);
       tick();
       chart.redraw();
     } catch (error) {
@@ -70,9 +67,8 @@ export function makeRangeDoppler(page) {
 
   function nothing(reason) {
     image = null;
-    bar(null);
+    levels.show(null);
     panel.say(reason);
-    chart.redraw();
   }
 
   /** Frames of a chunk, asked for once. */
@@ -111,9 +107,11 @@ export function makeRangeDoppler(page) {
     if (!image) return;
     const frame = frameAt(clock.time);
     fetchFor(frame);
-    if (frame !== plotted && codesOf(frame)) {
+    const codes = codesOf(frame);
+    if (frame !== plotted && codes) {
       plotted = frame;
-      redraw();
+      panel.heading.textContent = `${page.before}Range-Doppler at ${fixed(valueAt(image.time, frame), 2)} s`;
+      levels.show({ ...image, shown_db: ownLevels(image, codes) }, codes);
     } else chart.redrawOverlay();
   }
 
@@ -123,18 +121,8 @@ export function makeRangeDoppler(page) {
     return chunks.get(Math.floor(frame / CHUNK))?.codes?.subarray(from, from + cells);
   }
 
-  function redraw() {
-    if (image && plotted !== null) {
-      const codes = codesOf(plotted);
-      const scaled = { ...image, shown_db: ownLevels(image, codes) };
-      paint(picture, codes, [image.x.n, image.y.n], tonesOf(scaled));
-      bar(scaled);
-    } else bar(image);
-    chart.redraw();
-  }
-
   function draw(context) {
-    if (plotted !== null) drawPicture(context, chart, picture, image);
+    levels.draw(context, chart);
   }
 
   function drawOver(context) {
@@ -142,23 +130,6 @@ export function makeRangeDoppler(page) {
       const gate = gateAt(target, targets.arrays, clock.time);
       if (gate) drawGate(context, gate, number);
     }
-    if (plotted === null) return;
-    context.font = "11px system-ui, sans-serif";
-    context.textAlign = "right";
-    const label = `CPI at ${fixed(valueAt(image.time, plotted), 2)} s`;
-    const { left, right, top } = chart.box;
-    const width = context.measureText(label).width + 10;
-    const end = isGated(right - width) ? left + width : right;
-    context.fillStyle = "rgba(0, 0, 0, 0.6)";
-    context.fillRect(end - width, top, width, 20);
-    context.fillStyle = "#fff";
-    context.fillText(label, end - 5, top + 14);
-  }
-
-  /** Whether the gate of a target at the cursor reaches beyond a pixel, to the right. */
-  function isGated(from) {
-    const gates = (targets?.targets ?? []).map((target) => gateAt(target, targets.arrays, clock.time));
-    return gates.some((gate) => gate && chart.x(gate[1]) > from);
   }
 
   function drawGate(context, [low, high], number) {
@@ -172,13 +143,8 @@ export function makeRangeDoppler(page) {
   }
 
   function read(range, doppler) {
-    const [column, row] = [cellAt(image.x, range), cellAt(image.y, doppler)];
-    const codes = plotted === null ? null : codesOf(plotted);
-    if (column === null || row === null || !codes) return `${fixed(range, 3)} m · ${fixed(doppler, 2)} Hz`;
-    const hertz = valueAt(image.y, row);
-    const speed = image.y.second ? ` · ${fixed(hertz * image.y.second.scale, 3)} m/s` : "";
-    const level = levelDb(image, codes, column, row);
-    const at = `${fixed(valueAt(image.time, plotted), 3)} s · ${fixed(valueAt(image.x, column), 3)} m`;
-    return `${at} · ${fixed(hertz, 2)} Hz${speed} · ${fixed(level, 2)} ${image.unit}`;
+    const cell = levels.at(range, doppler);
+    if (plotted === null || !cell) return `${fixed(range, 3)} m · ${fixed(doppler, 2)} Hz`;
+    return `${fixed(valueAt(image.time, plotted), 3)} s · ${fixed(cell.x, 3)} m · ${fixed(cell.y, 2)} Hz${cell.speed} · ${cell.level}`;
   }
 }

@@ -1,9 +1,9 @@
 // Range against time, with the gates of the targets.
 
-import { drawCursor, drawLine, drawPicture, makeChart, MARGINS, withEdge } from "./chart.js";
-import { makeBar, makeTones } from "./levels.js";
-import { cellAt, edges, levelDb, paint, valueAt } from "./picture.js";
-import { element, fixed, makePanel } from "./ui.js";
+import { drawCursor, drawLine, makeChart, MARGINS, withEdge } from "./chart.js";
+import { makeLevels } from "./levels.js";
+import { edges } from "./picture.js";
+import { fixed, makePanel } from "./ui.js";
 
 /** Colours of the gates by number of the target; none of them occurs in the maps. */
 export const GATE_COLOURS = ["#56b4e9", "#e69f00", "#ffffff", "#cc79a7", "#f0e442", "#009e73"];
@@ -34,11 +34,8 @@ export function gateAt(target, arrays, time) {
 export function makeRangeTime(page, { id = "range-time", before = page.before } = {}) {
   const { session, clock, zoom } = page;
   const panel = makePanel(id, `${before}Range against time`, "range-time");
-  const picture = element("canvas");
-  const bar = makeBar(panel.tools, session);
-  const tonesOf = makeTones(session);
-  let shown = null; // {image, codes, recording}
-  let targets = null; // {targets, arrays, selected}
+  const levels = makeLevels(panel, session, () => chart.redraw());
+  let targets = null; // {targets, arrays, selected, overview}
   const chart = makeChart(panel, id, {
     label: "Range against time; click to move the time cursor",
     drag: (time) => clock.seek(time),
@@ -46,21 +43,20 @@ export function makeRangeTime(page, { id = "range-time", before = page.before } 
     page,
     read,
     view: () =>
-      shown && {
+      levels.image && {
         margins: isAlone() ? MARGINS : ABOVE,
         x: { limits: zoom.time.limits([clock.start, clock.stop]), name: "time", unit: "s", labels: isAlone() },
-        y: { limits: edges(shown.image.y), name: "range", unit: "m" },
+        y: { limits: edges(levels.image.y), name: "range", unit: "m" },
       },
     draw,
     drawOver: (context) => drawCursor(context, chart, clock.time),
   });
-  return { node: panel.node, show, showTargets, redraw, tick: chart.redrawOverlay, destroy: chart.destroy };
+  return { node: panel.node, show, refine: levels.refine, showTargets, redraw: levels.repaint, tick: chart.redrawOverlay, destroy: chart.destroy };
 
   function show({ facts, arrays }) {
     const image = facts.range_time;
-    shown = image && { image, codes: arrays[image.array], facts, arrays };
     panel.say(image ? null : facts.reason || "No range-time map: this radar has one range bin.");
-    redraw();
+    levels.show(image, image && arrays[image.array]);
   }
 
   function showTargets(next) {
@@ -70,18 +66,11 @@ export function makeRangeTime(page, { id = "range-time", before = page.before } 
 
   /** Whether no signature stands below, once that is known. */
   function isAlone() {
-    return targets !== null && !targets.targets[targets.selected]?.signature;
-  }
-
-  function redraw() {
-    const image = shown?.image;
-    bar(image ?? null);
-    if (image) paint(picture, shown.codes, [image.x.n, image.y.n], tonesOf(image));
-    chart.redraw();
+    return targets !== null && !(targets.targets[targets.selected] ?? targets.overview)?.signature;
   }
 
   function draw(context) {
-    drawPicture(context, chart, picture, shown.image);
+    levels.draw(context, chart);
     for (const [number, target] of (targets?.targets ?? []).entries()) drawGate(context, target, number);
   }
 
@@ -100,12 +89,8 @@ export function makeRangeTime(page, { id = "range-time", before = page.before } 
   }
 
   function read(time, range) {
-    const { image, codes } = shown;
-    const [column, row] = [cellAt(image.x, time), cellAt(image.y, range)];
-    if (column === null || row === null) return `${fixed(time, 3)} s · ${fixed(range, 3)} m`;
-    const level = levelDb(image, codes, column, row);
-    const at = `${fixed(valueAt(image.x, column), 3)} s · ${fixed(valueAt(image.y, row), 3)} m`;
-    return `${at} · ${fixed(level, 2)} ${image.unit}`;
+    const { x, y, level } = levels.at(time, range) ?? { x: time, y: range, level: "" };
+    return `${fixed(x, 3)} s · ${fixed(y, 3)} m${level && ` · ${level}`}`;
   }
 }
 

@@ -1,23 +1,26 @@
 // The page of one run: a recording, a result, an example of a dataset, or what "Try it" has simulated.
 
-import { getPayload, isAborted } from "./api.js";
+import { makeAnnotations } from "./annotations.js";
+import { getJson, getPayload, isAborted } from "./api.js";
 import { makeCadence } from "./cadence.js";
 import { makeClock } from "./clock.js";
 import { makeCompare } from "./compare.js";
-import { ANALYSIS, makeControls } from "./controls.js";
+import { ANALYSIS, makeControls, STORED } from "./controls.js";
+import { makeDetail } from "./detail.js";
+import { makeEvidence } from "./evidence.js";
 import { makeFeatures } from "./features.js";
 import { listenToKeys } from "./keyboard.js";
-import { edges, occupied } from "./picture.js";
+import { drawCursor, MARGINS } from "./chart.js";
+import { edges } from "./picture.js";
 import { makeRangeDoppler } from "./range_doppler.js";
 import { makeRangeTime } from "./range_time.js";
 import { makeScene } from "./scene.js";
 import { makeSignature } from "./signature.js";
 import * as state from "./state.js";
-import { makeStatus } from "./status.js";
+import { makeNotes, makeStatus } from "./status.js";
 import { savePicture, saveTable } from "./save.js";
 import { makeTransport, restoreClock } from "./transport.js";
 import { makeMeasure } from "./measure.js";
-import { makeNotes } from "./notes.js";
 import { clearError, element, fixed, showError } from "./ui.js";
 import { makeZoom } from "./zoom.js";
 
@@ -30,15 +33,19 @@ import { makeZoom } from "./zoom.js";
 export function showRun(container, reference, session) {
   const clock = makeClock();
   const zoom = makeZoom(clock);
-  const measure = makeMeasure(() => [tick, panels.cadence.tick].forEach((draw) => draw()));
   const compared = session.other && session.kind === "recording" && !reference.try;
   const before = compared ? `${session.name}: ` : ""; // with two recordings every panel names its own
-  const page = { session, clock, zoom, measure, before, band: () => band(), widest: () => widest() };
+  const page = { session, clock, zoom, tools: [], before, band: () => band(), widest: () => widest() };
+  const measure = makeMeasure(page, drawTools);
+  const annotations = makeAnnotations(page, drawTools);
   const panels = {
     rangeTime: makeRangeTime(page), signature: makeSignature(page), scene: makeScene(page),
     rangeDoppler: makeRangeDoppler(page), cadence: makeCadence(page), features: makeFeatures(page),
   };
+  const decides = session.kind === "recording" && !reference.try && !compared;
+  if (decides) panels.evidence = makeDecisions(page, () => decided);
   const compare = compared ? makeCompare(page, showBoth) : null;
+  const detail = makeDetail(page, panels, "own");
   const transport = makeTransport(clock);
   const controls = makeControls(session);
   const status = makeStatus();
@@ -49,10 +56,12 @@ export function showRun(container, reference, session) {
     element("button", { id: "save-picture", type: "button", title: "The panels as a PNG file", onclick: () => savePicture(shownPanels, fileName(), title()) }, "save picture"),
     element("button", { id: "save-table", type: "button", title: "Features of all targets as a CSV file", onclick: () => saveTable(runs(), session, fileName()) }, "save table"),
   ];
-  controls.node.append(measure.button, ...saving);
+  controls.node.append(measure.button, annotations.button, ...saving);
   const shownPanels = layout(panels, compare);
-  const node = element("div", { class: "run" }, transport.node, controls.node, facts, line, shownPanels);
+  const node = element("div", { class: "run" }, transport.node, controls.node, facts, line, shownPanels, annotations.node);
   let targets = { targets: [], arrays: {}, selected: 0 };
+  let decided = null; // decisions up to now
+  let overview = null; // signature of all ranges, until there are targets and where there are none
   let recorded = null; // facts of the recording
   let bands = []; // occupied part of the Doppler axis, by target
   let restored = false; // whether the time has been taken from the address
@@ -77,10 +86,12 @@ export function showRun(container, reference, session) {
     const mine = ++job;
     clearError();
     controls.clearFaults();
-    recorded = null;
-    // at the same time: the analysis takes longest
-    await busy(Promise.all([loadRecording(mine), loadTargets(mine), compare?.load(named())]));
+    recorded = overview = null;
+    node.classList.remove("pictured");
+    // the first pictures have the processor for themselves
+    await busy(loadRecording(mine).then(() => mine === job && Promise.all([loadTargets(mine), compare?.load(named())])));
     if (mine !== job) return;
+    if (decides) decide(mine);
     if (recorded?.duration_s === null) withoutRecording();
     sound?.refuse(silence());
     sound?.renew();
@@ -173,8 +184,26 @@ export function showRun(container, reference, session) {
     setTime(Math.min(start, from), Math.max(start + duration, to));
   }
 
+  /** The decisions come in parts, while the rest of the recording is still being classified. */
+  async function decide(mine) {
+    decided = null;
+    while (!decided?.complete) {
+      try {
+        const answer = await getJson("api/decisions", { gate: state.get("gate"), from: decided?.marks.length ?? 0 });
+        if (mine !== job) return;
+        decided = { ...answer, marks: [...(decided?.marks ?? []), ...answer.marks] };
+      } catch (error) {
+        if (!isAborted(error) && mine === job) showError(error);
+        return;
+      }
+      panels.evidence.redraw();
+    }
+  }
+
   function showRecording(recording) {
     recorded = recording.facts;
+    annotations.open(recorded.name);
+    if (recorded.signature && !targets.targets.length) showOverview(recording);
     if (recorded.duration_s !== null) fitTime();
     showFacts(recording.facts);
     controls.fillGates(recording.facts);
@@ -183,6 +212,15 @@ export function showRun(container, reference, session) {
     panels.scene.show(recording);
     panels.signature.showTruth(recording);
     performance.mark("recording-shown");
+  }
+
+  function showOverview({ facts: { signature }, arrays }) {
+    overview = { signature, overview: true, arrays };
+    panels.signature.say(null);
+    panels.signature.show(overview, arrays);
+    panels.rangeTime.showTargets({ ...targets, overview });
+    node.classList.add("pictured");
+    refine();
   }
 
   function setTime(start, stop) {
@@ -206,9 +244,10 @@ export function showRun(container, reference, session) {
   }
 
   function withoutTargets(reason) {
-    targets = { targets: [], arrays: {}, selected: 0 };
+    targets = { targets: [], arrays: {}, selected: 0, overview };
     select();
-    for (const panel of [panels.signature, panels.cadence, panels.features]) panel.say(reason);
+    for (const panel of [panels.cadence, panels.features]) panel.say(reason);
+    if (!overview) panels.signature.say(reason);
   }
 
   /** Show the target that the state names. */
@@ -219,11 +258,21 @@ export function showRun(container, reference, session) {
     const { arrays } = targets;
     controls.fillTargets(targets.targets, targets.selected);
     controls.fillSegments(target);
-    bands = targets.targets.map(({ signature }) => (signature ? occupied(signature, arrays[signature.array]) : null));
-    showOrSay(panels.signature, target?.signature, "The signature of this target is not stored.", target, arrays);
+    bands = targets.targets.map(({ signature }) => signature?.band_hz ?? null);
+    const signed = target ?? overview;
+    showOrSay(panels.signature, signed?.signature, "The signature of this target is not stored.", signed, target ? arrays : overview?.arrays);
     showOrSay(panels.cadence, target?.cadence_map, "The cadence-velocity diagram of this target is not stored.", target, arrays);
     showOrSay(panels.features, target, null, target, arrays);
     for (const panel of [panels.rangeTime, panels.rangeDoppler, panels.scene]) panel.showTargets(targets);
+    refine();
+  }
+
+  /** What a zoom shows is computed again for its span; stored pictures are all there is of theirs. */
+  function refine() {
+    const target = targets.targets[targets.selected];
+    const stored = !recorded?.duration_s || (STORED.includes(recorded.kind) && !state.get("gate"));
+    detail.follow(stored ? null : { ...named(), target: target?.gate_limits ? targets.selected : null });
+    compare?.refine(named());
   }
 
   function showOrSay(panel, there, reason, target, arrays) {
@@ -232,9 +281,9 @@ export function showRun(container, reference, session) {
   }
 
   function band() {
-    const signature = targets.targets[targets.selected]?.signature;
+    const signature = (targets.targets[targets.selected] ?? overview)?.signature;
     if (state.get("band") === "all" && signature) return edges(signature.y);
-    const known = [bands[targets.selected], compare?.band].filter(Boolean);
+    const known = [bands[targets.selected] ?? overview?.signature.band_hz, compare?.band].filter(Boolean);
     return known.length ? [Math.min(...known.map((one) => one[0])), Math.max(...known.map((one) => one[1]))] : null;
   }
 
@@ -246,7 +295,8 @@ export function showRun(container, reference, session) {
   }
 
   function actions() {
-    return { ...zoom.actions, m: () => measure.toggle(), Escape: () => measure.toggle(false) };
+    const end = () => page.tools.forEach((tool) => tool.toggle(false));
+    return { ...zoom.actions, m: () => measure.toggle(), n: () => annotations.toggle(), Escape: end };
   }
 
   /** Name of saved files: that of the recording without what a file name may not hold. */
@@ -271,12 +321,17 @@ export function showRun(container, reference, session) {
 
   function tick() {
     zoom.follow();
-    for (const panel of [panels.rangeTime, panels.signature, panels.scene, panels.rangeDoppler]) panel.tick();
+    for (const panel of [panels.rangeTime, panels.signature, panels.scene, panels.rangeDoppler, panels.evidence]) panel?.tick();
     compare?.tick();
   }
 
+  function drawTools() {
+    tick();
+    panels.cadence.tick();
+  }
+
   function redraw() {
-    for (const panel of [panels.rangeTime, panels.signature, panels.rangeDoppler, panels.cadence]) panel.redraw();
+    for (const panel of [panels.rangeTime, panels.signature, panels.rangeDoppler, panels.cadence, panels.evidence]) panel?.redraw();
     compare?.redraw();
   }
 
@@ -288,6 +343,7 @@ export function showRun(container, reference, session) {
     else if (names.has("segment")) busy(loadTargets(job));
     else if (names.has("target")) select();
     if (["map", "lo", "hi", "band", "time", "doppler", "lines"].some((name) => names.has(name))) redraw();
+    if (names.has("time")) refine();
     if (names.has("t")) clock.seek(state.getNumber("t", clock.start));
   }
 
@@ -302,6 +358,7 @@ export function showRun(container, reference, session) {
     job += 1;
     status.end();
     sound?.destroy();
+    detail.destroy();
     for (const end of endings) end();
     for (const panel of Object.values(panels)) panel.destroy?.();
     compare?.destroy();
@@ -309,11 +366,22 @@ export function showRun(container, reference, session) {
   }
 }
 
-function layout({ rangeTime, signature, scene, rangeDoppler, cadence, features }, compare) {
+/** Panel of the decisions, below the signature and on its time axis. */
+function makeDecisions(page, facts) {
+  const { clock, zoom } = page;
+  const time = () => ({ limits: zoom.time.limits([clock.start, clock.stop]), name: "time", unit: "s", labels: false });
+  const evidence = makeEvidence({
+    facts, time, margins: { ...MARGINS, bottom: 10 }, drag: clock.seek, zoom: { x: zoom.time }, page,
+    drawOver: (context) => drawCursor(context, evidence.chart, clock.time),
+  });
+  return evidence;
+}
+
+function layout({ rangeTime, signature, evidence, scene, rangeDoppler, cadence, features }, compare) {
   return element(
     "div",
     { class: "panels" },
-    element("div", { class: "row" }, element("div", { class: "stack time-panels" }, rangeTime.node, signature.node, compare?.stacked), scene.node),
+    element("div", { class: "row" }, element("div", { class: "stack time-panels" }, rangeTime.node, signature.node, evidence?.node, compare?.stacked), scene.node),
     element("div", { class: "row" }, rangeDoppler.node, cadence.node, features.node, compare?.features),
   );
 }

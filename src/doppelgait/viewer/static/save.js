@@ -66,13 +66,8 @@ function drawSwatch(context, node) {
   context.fillRect(left, top, width, height);
 }
 
-/** Features of all targets that are shown, one row each. */
+/** Features of all targets that are shown, one row each: `runs` are {name, targets}; numbers are written in full. */
 export function saveTable(runs, session, name) {
-  download(new Blob([tableOf(runs, session)], { type: "text/csv" }), `${name}.csv`);
-}
-
-/** `runs` are {name, targets}; numbers are written in full. */
-export function tableOf(runs, session) {
   const rows = [["recording", "target", "class", "gate", "start_s", "stop_s", "feature", "value", "standard_deviation", "unit", "truth"]];
   for (const { name, targets } of runs) {
     for (const target of targets) {
@@ -82,6 +77,10 @@ export function tableOf(runs, session) {
       }
     }
   }
+  download(new Blob([csvOf(rows)], { type: "text/csv" }), `${name}.csv`);
+}
+
+export function csvOf(rows) {
   return rows.map((row) => row.map(cell).join(",")).join("\r\n") + "\r\n";
 }
 
@@ -90,7 +89,8 @@ function cell(value) {
   return /[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 }
 
-function download(blob, name) {
+/** Give a file to the reader. */
+export function download(blob, name) {
   const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);

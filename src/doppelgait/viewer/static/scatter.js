@@ -3,9 +3,9 @@
 import { getJson } from "./api.js";
 import { themeColours } from "./canvas.js";
 import { makeChart } from "./chart.js";
-import { addColumns, columnWords, dot } from "./filters.js";
+import { addColumns, columnWords } from "./filters.js";
 import { counted } from "./table.js";
-import { element, field, makePanel, showError, significant } from "./ui.js";
+import { dot, element, field, makePanel, showError, significant } from "./ui.js";
 
 const RADIUS = 2.5;
 const REACH = 10; // pixels from a point within which the mouse means it
@@ -21,7 +21,6 @@ export function makeScatter(container, facts, colours, { onAxes, onOpen }) {
   panel.node.append(legend);
   container.append(panel.node);
   let points = null;
-  let grid = null; // points by place on the screen, made once per drawing
   let named = { row: null, id: "" };
   const chart = makeChart(panel, "scatter", {
     label: "Two columns of the dataset against each other", view, draw: drawPoints, drawOver, read, margins: MARGINS,
@@ -37,7 +36,6 @@ export function makeScatter(container, facts, colours, { onAxes, onOpen }) {
 
   function draw({ facts: found, arrays }) {
     points = { ...found, ...arrays, axes: { x: axisOf(found.x, arrays.x), y: axisOf(found.y, arrays.y) } };
-    grid = null;
     selects.x.value = found.x.name;
     selects.y.value = found.y.name;
     panel.say(found.n_known ? null : "Both values are unknown in all of these rows.");
@@ -64,18 +62,13 @@ export function makeScatter(container, facts, colours, { onAxes, onOpen }) {
   }
 
   function drawPoints(context) {
-    grid = new Map();
     context.fillStyle = themeColours().panel;
     context.fillRect(chart.box.left, chart.box.top, chart.box.right - chart.box.left, chart.box.bottom - chart.box.top);
     context.globalAlpha = points.x.length > 1500 ? 0.55 : 0.8;
     for (let n = 0; n < points.x.length; n += 1) {
-      const [x, y] = placeOf(n);
-      const key = cellOf(x, y);
-      if (!grid.has(key)) grid.set(key, []);
-      grid.get(key).push(n);
       context.fillStyle = colours[points.classes[points.class[n]]] ?? "#888888";
       context.beginPath();
-      context.arc(x, y, RADIUS, 0, 2 * Math.PI);
+      context.arc(...placeOf(n), RADIUS, 0, 2 * Math.PI);
       context.fill();
     }
     context.globalAlpha = 1;
@@ -93,12 +86,10 @@ export function makeScatter(container, facts, colours, { onAxes, onOpen }) {
 
   function nearest(x, y) {
     let [best, distance] = [-1, REACH];
-    for (const [dx, dy] of NEIGHBOURS) {
-      for (const n of grid?.get(cellOf(x + dx * REACH, y + dy * REACH)) ?? []) {
-        const [px, py] = placeOf(n);
-        const away = Math.hypot(px - x, py - y);
-        if (away < distance) [best, distance] = [n, away];
-      }
+    for (let n = 0; n < points.x.length; n += 1) {
+      const [px, py] = placeOf(n);
+      const away = Math.hypot(px - x, py - y);
+      if (away < distance) [best, distance] = [n, away];
     }
     return best;
   }
@@ -138,12 +129,6 @@ export function makeScatter(container, facts, colours, { onAxes, onOpen }) {
       showError(error);
     }
   }
-}
-
-const NEIGHBOURS = [-1, 0, 1].flatMap((dx) => [-1, 0, 1].map((dy) => [dx, dy]));
-
-function cellOf(x, y) {
-  return `${Math.floor(x / REACH)} ${Math.floor(y / REACH)}`;
 }
 
 /**

@@ -1,5 +1,7 @@
 // Bodies of the scene: their pose at a time, bones and points in the order of depth, shadows and paths.
 
+import { strokePath } from "./scene_floor.js";
+
 const BONE_M = 0.03;
 const POINT_M = 0.028;
 
@@ -88,16 +90,9 @@ export function drawPath(context, camera, { positions }, colours) {
   context.globalAlpha = 0.6;
   context.lineWidth = 1.2;
   context.setLineDash([3, 4]);
-  context.beginPath();
-  let open = false;
-  for (let frame = 0; frame < frames; frame += every) {
-    const place = camera.project([...middle(positions, frame, count), 0]);
-    if (!place) open = false;
-    else if (open) context.lineTo(place.x, place.y);
-    else context.moveTo(place.x, place.y);
-    open = Boolean(place);
-  }
-  context.stroke();
+  const points = [];
+  for (let frame = 0; frame < frames; frame += every) points.push([...middle(positions, frame, count), 0]);
+  strokePath(context, camera, points);
   context.setLineDash([]);
   context.globalAlpha = 1;
 }

@@ -36,7 +36,7 @@ export function drawFloor(context, camera, scene, colours) {
   for (let at = y[0]; at <= y[1]; at += 1) strokePath(context, camera, [[x[0], at, 0], [x[1], at, 0]]);
 }
 
-function strokePath(context, camera, points) {
+export function strokePath(context, camera, points) {
   path(context, camera, points);
   context.stroke();
 }

@@ -1,9 +1,8 @@
 // Contact sheet of the dataset browser: small signatures with common axes and levels; a click opens the example.
 
 import { table as colourTable } from "./levels.js";
-import { dot } from "./filters.js";
 import { paint } from "./picture.js";
-import { element, fixed, significant } from "./ui.js";
+import { dot, element, fixed, significant } from "./ui.js";
 
 export const SHEET_PAGE = 24;
 

@@ -1,9 +1,9 @@
 // Micro-Doppler signature, of the whole track with its segments, the main lines, and the true Doppler of the body parts.
 
-import { FONT } from "./axes.js";
-import { drawCursor, drawLine, drawPath, drawPicture, makeChart, withEdge } from "./chart.js";
-import { makeBar, makeTones } from "./levels.js";
-import { cellAt, levelDb, paint, valueAt } from "./picture.js";
+import { drawPath, drawText } from "./axes.js";
+import { drawCursor, drawLine, makeChart, withEdge } from "./chart.js";
+import { makeLevels } from "./levels.js";
+import { valueAt } from "./picture.js";
 import * as state from "./state.js";
 import { bodyOf } from "./truth.js";
 import { element, fixed, makePanel, shownSegment, span } from "./ui.js";
@@ -18,11 +18,9 @@ export function makeSignature(page, { id = "signature", before = page.before } =
   const { session, clock, band, zoom } = page;
   const panel = makePanel(id, `${before}Micro-Doppler signature`, "signature");
   const parts = element("fieldset", { id: "parts", class: "parts" }, element("legend", {}, "Lines over the signature"));
-  const picture = element("canvas");
-  const bar = makeBar(panel.tools, session);
-  const tonesOf = makeTones(session);
+  const levels = makeLevels(panel, session, () => chart.redraw());
   let truth = { list: [], arrays: {} };
-  let shown = null; // {image, codes, target, arrays}
+  let shown = null; // {target, arrays}
   const chart = makeChart(panel, id, {
     label: "Micro-Doppler signature; click to move the time cursor",
     drag: (time) => clock.seek(time),
@@ -33,13 +31,13 @@ export function makeSignature(page, { id = "signature", before = page.before } =
       shown && {
         x: { limits: zoom.time.limits([clock.start, clock.stop]), name: "time", unit: "s" },
         y: { limits: zoom.doppler.limits(band()), name: "Doppler", unit: "Hz" },
-        second: shown.image.y.second,
+        second: levels.image.y.second,
       },
     draw,
     drawOver: (context) => drawCursor(context, chart, clock.time),
   });
   if (id === "signature") panel.node.append(parts); // its switches are those of a second signature, too
-  return { node: panel.node, showTruth, show, say: panel.say, redraw, tick: chart.redrawOverlay, destroy: chart.destroy };
+  return { node: panel.node, showTruth, show, refine: levels.refine, say: panel.say, redraw: levels.repaint, tick: chart.redrawOverlay, destroy: chart.destroy };
 
   function showTruth({ facts, arrays }) {
     truth = { list: facts.truth ?? [], arrays };
@@ -49,24 +47,18 @@ export function makeSignature(page, { id = "signature", before = page.before } =
 
   /** Show a target's signature; null for none. */
   function show(target, arrays) {
-    shown = target && { image: target.signature, codes: arrays[target.signature.array], target, arrays };
+    shown = target && { target, arrays };
     panel.heading.textContent = before + title(target);
-    redraw();
+    levels.show(target?.signature ?? null, target && arrays[target.signature.array]);
   }
 
   /** The picture is that of the whole track where it is known, or that of one segment. */
   function title(target) {
+    if (target?.overview) return "Micro-Doppler signature, all ranges";
     const segment = shownSegment(target);
     if (!segment) return "Micro-Doppler signature";
     const which = target.segments.length > 1 ? `segment ${target.segment + 1} of ${target.segments.length}, ` : "segment ";
     return `Micro-Doppler signature, ${which}${span(segment)}`;
-  }
-
-  function redraw() {
-    const image = shown?.image;
-    bar(image ?? null);
-    if (image) paint(picture, shown.codes, [image.x.n, image.y.n], tonesOf(image));
-    chart.redraw();
   }
 
   function chosen() {
@@ -114,7 +106,7 @@ export function makeSignature(page, { id = "signature", before = page.before } =
   }
 
   function draw(context) {
-    drawPicture(context, chart, picture, shown.image);
+    levels.draw(context, chart);
     const keys = chosen();
     const own = bodyOf(shown.target, shown.arrays, truth);
     for (const [number, one] of truth.list.entries()) {
@@ -149,9 +141,6 @@ export function makeSignature(page, { id = "signature", before = page.before } =
   /** A bar with a number above every segment; the one that the features come from is bright and has its ends drawn. */
   function drawSegments(context, { segments, segment }) {
     const { top, bottom } = chart.box;
-    context.font = FONT;
-    context.textAlign = "center";
-    context.textBaseline = "top";
     for (const [number, ends] of segments.entries()) {
       const [from, to] = ends.map(chart.x);
       const own = number === (segment ?? number);
@@ -161,24 +150,14 @@ export function makeSignature(page, { id = "signature", before = page.before } =
       if (own) {
         for (const at of [from, to]) withEdge(context, SEGMENT_COLOUR, 1, () => drawPath(context, [[at, top], [at, bottom]]));
       }
-      if (segments.length > 1) {
-        context.lineWidth = 3;
-        context.strokeStyle = "rgba(0, 0, 0, 0.7)";
-        context.strokeText(String(number + 1), (from + to) / 2, top + 7);
-        context.fillStyle = SEGMENT_COLOUR;
-        context.fillText(String(number + 1), (from + to) / 2, top + 7);
-      }
+      if (segments.length > 1) drawText(context, String(number + 1), (from + to) / 2, top + 7, SEGMENT_COLOUR);
     }
     context.globalAlpha = 1;
   }
 
   function read(time, doppler) {
-    const { image, codes } = shown;
-    const [column, row] = [cellAt(image.x, time), cellAt(image.y, doppler)];
-    const hertz = row === null ? doppler : valueAt(image.y, row);
-    const speed = image.y.second ? ` · ${fixed(hertz * image.y.second.scale, 3)} m/s` : "";
-    const at = `${fixed(column === null ? time : valueAt(image.x, column), 3)} s · ${fixed(hertz, 2)} Hz${speed}`;
-    if (column === null || row === null) return `${at} · no column here: a whole CPI must lie in the recording`;
-    return `${at} · ${fixed(levelDb(image, codes, column, row), 2)} ${image.unit}`;
+    const cell = levels.at(time, doppler);
+    const { x, y, speed, level } = cell ?? { x: time, y: doppler, speed: "", level: "no column here: a whole CPI must lie in the recording" };
+    return `${fixed(x, 3)} s · ${fixed(y, 2)} Hz${speed} · ${level}`;
   }
 }

@@ -9,10 +9,6 @@ export function get(name, fallback = null) {
   return values.get(name) ?? fallback;
 }
 
-export function getAll(name) {
-  return values.getAll(name);
-}
-
 /** All choices as a list of [name, value]. */
 export function entries() {
   return [...values.entries()];

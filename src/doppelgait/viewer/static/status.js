@@ -1,4 +1,4 @@
-// A line that says what the page is waiting for, and since when.
+// What a page says about its run: what it waits for and since when; notes and warnings, each sentence once, in one line.
 
 import { element } from "./ui.js";
 
@@ -26,5 +26,22 @@ export function makeStatus() {
   function end() {
     clearTimeout(timer);
     for (const part of [said, since]) part.textContent = "";
+  }
+}
+
+export function makeNotes() {
+  const first = element("summary", {});
+  const list = element("ul", { "aria-label": "Notes and warnings" });
+  const node = element("details", { id: "notes", class: "notes" }, first, list);
+  const known = {}; // sentences by where they come from
+  return { node, show };
+
+  function show(source, sentences) {
+    known[source] = sentences;
+    const all = [...new Set(Object.values(known).flat())];
+    list.replaceChildren(...all.map((sentence) => element("li", {}, sentence)));
+    first.textContent = all.length > 1 ? `${all.length} notes: ${all[0]} …` : all[0] ?? "";
+    first.title = all.join("\n");
+    node.classList.toggle("none", !all.length);
   }
 }

@@ -1,7 +1,7 @@
 // Table of the dataset browser: one page of rows, sorted by the server.
 
-import { columnWords, dot } from "./filters.js";
-import { element, flagWords, significant } from "./ui.js";
+import { columnWords } from "./filters.js";
+import { dot, element, flagWords, significant } from "./ui.js";
 
 /** Table in `container`; `onSort(column, descending)`, `onOpen(id, place)`. `draw(answer, sort, descending)` shows a page. */
 export function makeTable(container, facts, colours, { onSort, onOpen }) {

@@ -12,7 +12,6 @@ export function makeTransport(clock) {
   const end = element("span", { class: "unit" });
   const speed = element("select", { id: "speed", onchange: () => clock.setSpeed(Number(speed.value)) });
   const loop = element("input", { id: "loop", type: "checkbox", onchange: () => clock.setLoop(loop.checked) });
-  const fps = element("output", { id: "fps", title: "Pictures per second while playing" });
   fillSelect(speed, SPEEDS.map((value) => [value, `${value} ×`]), clock.speed);
   const node = element(
     "div",
@@ -22,7 +21,6 @@ export function makeTransport(clock) {
     element("span", { class: "clock" }, time, end),
     field("speed", speed),
     field("loop", loop),
-    element("span", { class: "fps" }, fps, element("span", { class: "unit" }, " fps")),
   );
   clock.subscribe(follow);
   follow();
@@ -43,8 +41,6 @@ export function makeTransport(clock) {
     time.textContent = fixed(clock.time, 3);
     if (speed.value !== String(clock.speed)) speed.value = clock.speed;
     if (loop.checked !== clock.loop) loop.checked = clock.loop;
-    const rate = clock.fps ? fixed(clock.fps, 0) : "–";
-    if (fps.textContent !== rate) fps.textContent = rate;
     if (clock.ready && !clock.playing) keep();
   }
 

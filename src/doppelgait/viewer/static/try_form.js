@@ -22,7 +22,7 @@ export function makeTryForm(controls, state, changed) {
   const buttons = EXAMPLES.map(([words, example]) => element("button", { type: "button", onclick: () => take(example) }, words));
   const node = element(
     "form",
-    { id: "try-form", class: "try-form", "aria-label": "What to simulate", onsubmit: () => false },
+    { id: "try-form", class: "panel try-form", "aria-label": "What to simulate", onsubmit: () => false },
     element("div", { class: "try-examples", role: "group", "aria-label": "Examples" }, buttons),
     element("div", { class: "try-rows" }, rows.map((row) => row.node)),
   );

@@ -8,7 +8,6 @@ import { element } from "./ui.js";
 
 /** Show the page in a container; gives `{destroy()}`. */
 export async function show(container, session) {
-  await addStyle();
   const form = makeTryForm(session.try_controls, state, changed);
   const status = element("p", { id: "try-status", class: "try-status", role: "status" });
   const below = element("div", { class: "try-run" });
@@ -91,11 +90,4 @@ export async function show(container, session) {
     stop();
     run?.destroy();
   }
-}
-
-function addStyle() {
-  if (document.querySelector("link[data-name=try]")) return null;
-  const link = element("link", { rel: "stylesheet", "data-name": "try", href: new URL("try.css", import.meta.url) });
-  document.head.append(link);
-  return new Promise((done) => { link.onload = link.onerror = done; });
 }

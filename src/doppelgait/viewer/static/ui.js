@@ -23,6 +23,13 @@ export function fillSelect(select, choices, chosen) {
   select.value = String(chosen);
 }
 
+/** A spot in the colour of a class or a track. */
+export function dot(colour) {
+  const spot = element("span", { class: "dot", "aria-hidden": "true" });
+  spot.style.backgroundColor = colour;
+  return spot;
+}
+
 /** Panel of a kind with a title, a read-out for the mouse (`hover-NAME`), a place for a colour bar, and a body. */
 export function makePanel(name, title, kind = name) {
   const heading = element("h2", {}, title);
@@ -43,7 +50,7 @@ export function makePanel(name, title, kind = name) {
   function say(words) {
     note.textContent = words ?? "";
     note.hidden = !words;
-    body.classList.toggle("hidden", Boolean(words));
+    body.hidden = Boolean(words);
     node.classList.toggle("nothing", Boolean(words)); // gives its space to the others
   }
 }
