@@ -88,7 +88,7 @@ def test_a_step_is_what_is_no_constant_acceleration() -> None:
     np.testing.assert_allclose(step[2:-1], 0.0, atol=1e-12)
     cubic = np.stack([7.0 * time**3 / 6, 0 * time, 0 * time], axis=1)[:, np.newaxis]
     step, limit = find_steps(cubic, rate_hz=50.0, floor_m=0.0, jerk_mps3=12.0)
-    np.testing.assert_allclose(step[2:-1], 7.0 / 50**3 / 2, rtol=1e-6)  # worked out by hand: j h^3 / 2
+    np.testing.assert_allclose(step[2:-1], 7.0 / 50**3 / 2, rtol=1e-6)  # by hand: j h^3 / 2
     np.testing.assert_allclose(limit[2:-1], 12.0 / 50**3 / 2)
 
 

@@ -154,7 +154,7 @@ def test_on_an_arc_the_body_stays_on_the_circle_beyond_its_own_sway(walk, turn_d
     predicted = np.hypot(radius_m - side * straight[:frames, 1], ahead)
     np.testing.assert_allclose(ground(centre), predicted, atol=1e-6)
     assert t[-1] == pytest.approx(math.radians(300) * radius_m / SPEED_MPS, abs=1 / 250)
-    # and it faces along the tangent: the line between the shoulders points to the centre of the circle
+    # and it faces along the tangent: the line between the shoulders points to the centre
     across = (
         followed.positions.sel(marker="left_shoulder").values - followed.positions.sel(marker="right_shoulder").values
     )

@@ -65,7 +65,7 @@ def test_a_skeleton_whose_head_is_the_lower_end_of_the_skull_is_as_high_as_its_l
 def test_withers_are_measured_above_the_animal_s_own_paws(sofa_m: float) -> None:
     walk = quadruped_gait(gait="walk", withers_m=0.5, duration_s=4.0)
     position = walk.position_m.copy()
-    # one step down from the sofa at the end: the floor of the room is lower than what the dog stood on
+    # one step down from the sofa at the end: the floor of the room is lower than the sofa
     position[..., 2] += np.where(walk.time_s < 3.4, sofa_m, 0.0)[:, np.newaxis]
     dog = clean_motion(recorded(walk.with_positions(position)))
     assert dog.facts.height_m == pytest.approx(0.5, rel=0.06)

@@ -88,42 +88,31 @@ def test_a_strong_reflection_needs_the_same_rhythm():
     assert judge_reflection(seen(ghost_m, rhythm_hz=2.3), body, 0, None) is None
 
 
+def weak(range_m):
+    return seen(range_m, level_db=BODY_DB - 12)
+
+
+BODY, IN_STEP = seen(DIRECT_M), (1.8, 1.8)
+SLOWLY_M = 9.0 - 0.75 * TIME_S
+CLOSE_M, CLOSE_IMAGE_M = walk(X_M, 1.5 + 0.0 * TIME_S)  # 0.3 to 0.7 m apart
+
+
 @pytest.mark.parametrize(
-    ("range_m", "rhythms"),
+    ("ghost", "body", "rhythms"),
     [
-        (DIRECT_M + 1.2, (1.8, 1.8)),  # follows in step
-        (DIRECT_M + 1.2 + 0.6 * TIME_S, (1.8, 1.8)),  # falls behind: the product grows
-        (IMAGE_M, (2.4, 1.8)),  # on the path of an image, in a rhythm of its own
-        (DIRECT_M - 0.9 + 0.02 * TIME_S, (1.8, 1.8)),  # nearer than the body
+        pytest.param(weak(DIRECT_M + 1.2), BODY, IN_STEP, id="follows in step"),
+        pytest.param(weak(DIRECT_M + 1.2 + 0.6 * TIME_S), BODY, IN_STEP, id="falls behind"),
+        pytest.param(weak(IMAGE_M), BODY, (2.4, 1.8), id="own rhythm"),
+        pytest.param(weak(DIRECT_M - 0.9 + 0.02 * TIME_S), BODY, IN_STEP, id="nearer"),
+        pytest.param(weak(SLOWLY_M + 1.2), seen(SLOWLY_M), None, id="slow"),
+        pytest.param(weak(SLOWLY_M + 1.2 + 0.6 * TIME_S), seen(SLOWLY_M), None, id="slow, behind"),
+        pytest.param(weak(CLOSE_IMAGE_M), seen(CLOSE_M), None, id="within the body"),
+        pytest.param(seen(IMAGE_M, level_db=BODY_DB - 5, rhythm_hz=2.1), BODY, None, id="strong"),
+        pytest.param(weak(IMAGE_M), BODY.between(0.0, 2.0), None, id="outlasts"),
     ],
 )
-def test_a_weak_follower_is_no_reflection(range_m, rhythms):
-    assert judge_reflection(seen(range_m, level_db=BODY_DB - 12), seen(DIRECT_M), 0, rhythms) is None
-
-
-SLOWLY_M = 9.0 - 0.75 * TIME_S
-
-
-@pytest.mark.parametrize("behind_m", [1.2 + 0.0 * TIME_S, 1.2 + 0.6 * TIME_S])
-def test_a_slow_pair_far_away_has_no_product_that_keeps_its_value(behind_m):
-    ghost = seen(SLOWLY_M + behind_m, level_db=BODY_DB - 12)
-    assert judge_reflection(ghost, seen(SLOWLY_M), 0, None) is None
-
-
-def test_an_echo_within_the_body_is_no_reflection():
-    direct_m, image_m = walk(X_M, 1.5 + 0.0 * TIME_S)
-    assert (image_m - direct_m).min() < 0.3
-    assert np.ptp(image_m - direct_m) > 0.3
-    assert judge_reflection(seen(image_m, level_db=BODY_DB - 12), seen(direct_m), 0, None) is None
-
-
-def test_what_is_as_strong_as_the_body_out_of_step_is_no_reflection():
-    assert judge_reflection(seen(IMAGE_M, level_db=BODY_DB - 5, rhythm_hz=2.1), seen(DIRECT_M), 0, None) is None
-
-
-def test_what_outlasts_the_body_is_no_reflection():
-    body = seen(DIRECT_M).between(0.0, 2.0)
-    assert judge_reflection(seen(IMAGE_M, level_db=BODY_DB - 12), body, 0, None) is None
+def test_what_is_no_reflection(ghost, body, rhythms):
+    assert judge_reflection(ghost, body, 0, rhythms) is None
 
 
 def test_rhythm_correlation_is_one_in_step_and_low_in_another_rhythm():

@@ -117,7 +117,7 @@ def test_every_estimate_lies_within_its_uncertainty(scene: str) -> None:
         z = np.array([score[name] for score in scores])
         assert np.abs(z).max() < 4.5, name
         assert abs(z.mean()) < 1.3, name  # a mean of 6 has an sd of 0.41
-        assert 0.25 < np.sqrt(np.mean(z**2)) < 2.0, name  # uncertainties are neither boasting nor shy
+        assert 0.25 < np.sqrt(np.mean(z**2)) < 2.0, name  # neither boasting nor shy
 
 
 def test_correlated_noise_counts_as_fewer_independent_bins_and_goes_into_the_radar() -> None:

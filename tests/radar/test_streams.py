@@ -198,7 +198,7 @@ def test_standard_input_takes_all_frames(monkeypatch):
     read_end, write_end = os.pipe()
     with os.fdopen(read_end, "rb") as source:
         monkeypatch.setattr("sys.stdin", source)
-        stream = open_stream("-", queue_s=0.1)  # the queue is far shorter than the stream: the pipe waits
+        stream = open_stream("-", queue_s=0.1)  # far shorter than the stream: the pipe waits
 
         def send() -> None:
             with os.fdopen(write_end, "wb") as pipe:

@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from doppelgait.motion.models.strides import fit_cubic_spline, fit_periodic_pchip
 
 
-@pytest.mark.parametrize("count", [4, 5, 9, 40, 30_000])  # a dense system of the last would take 7 GB
+@pytest.mark.parametrize("count", [4, 5, 9, 40, 30_000])  # dense, the last would take 7 GB
 def test_spline_is_the_not_a_knot_spline_and_holds_beyond_its_ends(count: int) -> None:
     rng = np.random.default_rng(count)
     knots, heights = np.cumsum(rng.uniform(0.2, 2.0, count)), rng.normal(size=count)

@@ -176,7 +176,7 @@ def test_labels_beyond_255_continue_in_labels2(tmp_path: Path) -> None:
 
 def test_rate_of_zero_needs_the_option(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", walker() * 1000)
-    # ezc3d cannot write such a file; the first RATE is that of POINT, its value stands eight bytes on
+    # ezc3d cannot write such a file; the first RATE is that of POINT, its value eight bytes on
     patch(path, path.read_bytes().index(b"RATE") + 8, bytes(4))
     patch(path, 20, bytes(4))
     with pytest.raises(MotionError, match=r"rate of 0 Hz.*rate_hz="):

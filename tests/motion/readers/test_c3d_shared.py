@@ -224,7 +224,7 @@ def _content(shared: Path, name: str) -> Points:
 
 
 NOT_BY_EZC3D = {
-    "bkin_kinarm.c3d", "optitrack_mocap36.c3d",  # "not standard": descriptions are missing or too long
+    "bkin_kinarm.c3d", "optitrack_mocap36.c3d",  # descriptions are missing or too long
     "phoenix_dance.c3d", "phoenix_golfswing.c3d",  # ANALOG:OFFSET is stored as floats
     "sgi_int.c3d", "sgi_real.c3d",  # its author asks for such a file
     "bts_missing_parameters.c3d", "bts_type1.c3d", "elite_undeclared_analog.c3d",  # analog words in the header alone
@@ -232,7 +232,7 @@ NOT_BY_EZC3D = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", sorted(NOT_BY_EZC3D - {"optitrack_mocap36.c3d"}))  # py-c3d stumbles over a parameter
+@pytest.mark.parametrize("name", sorted(NOT_BY_EZC3D - {"optitrack_mocap36.c3d"}))  # py-c3d fails
 def test_coordinates_agree_with_another_reader(shared: Path, name: str) -> None:
     """Coordinates and missing samples of all points, model outputs included, in the units of the file."""
     reader = pytest.importorskip("c3d")
