@@ -575,6 +575,7 @@ def test_clients_that_send_nothing_are_dropped_and_counted():
         ({"carrier_hz": float("nan")}, "carrier_hz of the header = nan"),
         ({"prf_hz": "500"}, "prf_hz of the header = '500'"),
         ({"radar": "/etc/radar.toml"}, "neither a table nor one of the presets"),
+        ({"radar": "x4", "carrier_hz": 60e9}, "is that of another radar than x4"),
         ({"radar": {"path": 1}}, "radar"),
         ({"prf_hz": 400.0}, "states prf_hz = 400, its radar 500"),
         ({"extra": 1}, "must have the keys"),

@@ -74,9 +74,10 @@ def adapt_preset(path: Path, preset: str | Path, *, n_range_bins: int, range_sta
     if not isinstance(preset, str | Path):
         raise RecordingError(f"{path}: radar = {preset!r} is not allowed; it must be a preset or the path of its file")
     try:
-        start_m = max(range_start_m, 0.0)
-        spacing_m = Radar.preset(preset).bin_spacing_m
-        frame = {"range_start_m": start_m, "range_stop_m": start_m + n_range_bins * spacing_m}
+        start_m, own = max(range_start_m, 0.0), Radar.preset(preset)
+        if not 0.5 < (carrier_hz := facts.get("carrier_hz", own.carrier_hz)) / own.carrier_hz < 2.0:
+            raise ConfigError(f"carrier_hz = {carrier_hz:g} is that of another radar than {preset}: {own.carrier_hz:g}")
+        frame = {"range_start_m": start_m, "range_stop_m": start_m + n_range_bins * own.bin_spacing_m}
         return Radar.preset(preset, **frame, **facts)
     except ConfigError as error:
         raise RecordingError(f"{path}: {error}") from None
