@@ -2,6 +2,7 @@
 
 import math
 import re
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -152,6 +153,15 @@ def test_an_empty_list_says_that_something_keeps_its_place():
     found = analyze(simulate(Scene([sitter]), RADAR, rng=rng(1), snr_db=25.0))
     assert found == []
     assert re.search(r"[0-9]+ of [0-9]+ scans have detections", found.reason), found.reason
+
+
+@pytest.mark.parametrize("prf_hz", [100.0, 640.0])
+def test_a_torso_in_another_fold_than_its_track_is_flagged(prf_hz):
+    scene, radar = Scene([Target(WALK, range_m=4.5)], duration_s=4.0), Radar.preset("x4", prf_hz=prf_hz)
+    with warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):  # it says that limbs alias
+        found = analyze(simulate(scene, radar, rng=rng(0), snr_db=20.0))[0]
+    is_folded = radar.unambiguous_velocity_mps < found.quality["track_velocity_mps"]
+    assert ("torso_velocity,step_length:main_line_differs_from_track" in found.flags) == is_folded == (prf_hz == 100.0)
 
 
 @pytest.mark.parametrize("kind", ["boulic", "quadruped", "curtain"])
