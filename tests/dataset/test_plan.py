@@ -266,7 +266,7 @@ def test_only_a_plan_that_names_its_leaks_may_have_them():
         set_by_class(["radar.prf_hz"])
     with pytest.raises(ConfigError, match="'auto' is not allowed in a dataset"):
         set_by_class(["target.rcs"])
-    with pytest.raises(ConfigError, match=r"leaks: .*'target\.label' is not one of target\.rcs, .*radar\.prf_hz"):
+    with pytest.raises(ConfigError, match=r"leaks\.0: 'target\.label' .*must be 'target\.rcs', .*radar\.prf_hz"):
         set_by_class(["target.label"])
     config = set_by_class(["target.rcs", "radar.prf_hz"])
     examples = examples_of(config)

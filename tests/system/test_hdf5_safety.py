@@ -88,7 +88,7 @@ def test_names_with_slashes_are_no_names(tmp_path):
     ({"config": 3}, "config: 3"),
     ({"config": {"classes": 3}}, "classes: 3"),
     ({"config": {"classes": [{"label": "a"}]}}, "config: dataset"),
-    ({"config": {"classes": [{"label": "a", "examples": "x"}], "dataset": {}}}, "config: classes.0.examples: 'x'"),
+    ({"config": {"classes": [{"label": "a", "examples": "x"}], "dataset": {}}}, "is required; classes.0.examples: 'x'"),
 ])  # fmt: skip
 def test_a_damaged_description_is_named(copy, changes, words):
     description = json.loads((copy / "dataset.json").read_text())

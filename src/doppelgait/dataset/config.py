@@ -7,7 +7,6 @@ import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from difflib import get_close_matches
-from importlib import resources
 from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -69,6 +68,7 @@ Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
 Progress = Callable[[int, int], None]
 """Function that is told how many are done, of how many."""
+PLANS = Path(__file__).with_name("plans")
 MAX_SHARDS = 200_000  # maximum number of shards of a dataset; each shard has two files
 LEAKS = (
     *(f"target.{name}" for name in Target.model_fields if name not in ("motion", "label", "background")),
@@ -147,8 +147,8 @@ class SplitSection(FrozenModel):
     """
 
     strategy: Literal["stratified", "stable"] = "stratified"
-    sources: dict[Literal["model", "recording"], Literal["train", "validation", "test"]] = Field(default_factory=dict)
-    subjects: dict[Literal["train", "validation", "test"], tuple[str, ...]] = Field(default_factory=dict)
+    sources: dict[Literal["model", "recording"], Split] = Field(default_factory=dict)
+    subjects: dict[Split, tuple[str, ...]] = Field(default_factory=dict)
 
 
 class SourceSection(FrozenModel):
@@ -214,7 +214,7 @@ class DatasetSection(FrozenModel):
         The card lists them and ``verify`` does not judge them.
     """
 
-    name: str = Field(max_length=200)
+    name: str = Field(max_length=200, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
     seed: int = Field(default=2018, ge=0)
     examples_per_class: int = Field(ge=1, le=10_000_000)
     fractions: Shares = Field(default_factory=lambda: dict(zip(SPLITS, (0.7, 0.15, 0.15), strict=True)))
@@ -225,22 +225,7 @@ class DatasetSection(FrozenModel):
     window_s: float = Field(default=2.5, ge=0.5, le=600)
     hop_s: float = Field(default=0.625, ge=0.05, le=600)
     fields: Annotated[tuple[FieldSpec, ...], BeforeValidator(_list_field_specs)] = (FieldSpec(name="signature"),)
-    leaks: tuple[str, ...] = ()
-
-    @field_validator("name")
-    @classmethod
-    def _check_name(cls, name: str) -> str:
-        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", name):
-            raise ValueError("must begin with a letter or digit and may hold letters, digits and . _ - only")
-        return name
-
-    @field_validator("leaks")
-    @classmethod
-    def _are_leaks(cls, leaks: tuple[str, ...]) -> tuple[str, ...]:
-        for leak in leaks:
-            if leak not in LEAKS:
-                raise ValueError(f"{leak!r} is not one of {', '.join(LEAKS)}")
-        return leaks
+    leaks: tuple[Literal[LEAKS], ...] = ()  # type: ignore[valid-type]
 
 
 Label = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9 _.-]+$")]
@@ -422,8 +407,7 @@ def plan_names() -> list[str]:
     >>> dg.dataset.plan_names()[:3]
     ['home-alarm', 'home-alarm-day', 'home-alarm-life']
     """
-    folder = resources.files("doppelgait.dataset") / "plans"
-    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return sorted(path.stem for path in PLANS.glob("*.toml"))
 
 
 def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanConfig, Path]:
@@ -449,8 +433,7 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
     """
     name = str(plan)
     if name in plan_names() and not Path(name).is_file():
-        with resources.as_file(resources.files("doppelgait.dataset") / "plans" / f"{name}.toml") as path:
-            table, text = read_toml(path)
+        table, text = read_toml(PLANS / f"{name}.toml")
         folder = Path.cwd()
     elif name and os.path.exists(name):
         table, text = read_toml(name)

@@ -298,11 +298,8 @@ def find_plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> i
     if description.get("origin", "simulated") != "simulated":
         return None
     first = 0
-    try:
-        for section in config.get("classes") or config.get("episodes", ()):
-            if str(section["label"]).replace(" ", "_") == label and within.isdigit():
-                return first + int(within)
-            first += section.get("examples") or config["dataset"]["examples_per_class"]
-    except (AttributeError, KeyError, TypeError):
-        raise DatasetError("dataset.json: config is damaged; build the dataset again") from None
+    for section in config.get("classes") or config.get("episodes", ()):
+        if section["label"].replace(" ", "_") == label and within.isdigit():
+            return first + int(within)
+        first += section.get("examples") or config["dataset"]["examples_per_class"]
     return None

@@ -137,10 +137,8 @@ PLACES = ("shard", "row", "shard_sha256")
 
 def iterate_splits(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
     """Yield every split that has rows, with its rows."""
-    for split in SPLITS:
-        rows = np.flatnonzero((dataset.index["split"] == split).to_numpy(dtype=bool))
-        if rows.size:
-            yield split, rows
+    rows: dict[Any, Any] = dataset.index.groupby("split").indices
+    return ((split, rows[split]) for split in SPLITS if split in rows)
 
 
 def flatten_index(dataset: Dataset) -> pd.DataFrame:
@@ -174,10 +172,10 @@ def _name_array(dataset: Dataset, field: str) -> str:
     return f"{field}{VALUES}" if field in dataset.index else field
 
 
-class Csv(FrozenModel):
-    """One CSV table without arrays."""
+class Form(FrozenModel):
+    """Form without parameters."""
 
-    kind: Literal["csv"] = "csv"
+    kind: Literal["csv", "huggingface", "xarray", "sigmf"]
 
 
 class Parquet(FrozenModel):
@@ -188,12 +186,6 @@ class Parquet(FrozenModel):
 
     kind: Literal["parquet"] = "parquet"
     rows_per_group: int = Field(default=100, ge=1, le=1_000_000)
-
-
-class HuggingFace(FrozenModel):
-    """Parquet files and a card that the package datasets reads."""
-
-    kind: Literal["huggingface"] = "huggingface"
 
 
 class WebDataset(FrozenModel):
@@ -216,20 +208,8 @@ class Zarr(FrozenModel):
     examples_per_file: int = Field(default=64, ge=1, le=1_000_000)
 
 
-class Xarray(FrozenModel):
-    """One Zarr group that xarray opens as one Dataset."""
-
-    kind: Literal["xarray"] = "xarray"
-
-
-class Sigmf(FrozenModel):
-    """One SigMF recording per scene."""
-
-    kind: Literal["sigmf"] = "sigmf"
-
-
-@plugin("exporter", parameters=Csv, allowed=(), default=())
-def write_csv(dataset: Dataset, folder: Path, fields: Fields, parameters: Csv, done: Done) -> None:
+@plugin("exporter", "csv", parameters=Form, allowed=(), default=())
+def write_csv(dataset: Dataset, folder: Path, fields: Fields, parameters: Form, done: Done) -> None:
     """Write ``index.csv``: a header and a line per row, exact numbers, empty for unknown ones."""
     table = flatten_index(dataset)
     table.to_csv(folder / "index.csv", index=False, lineterminator="\n")
@@ -242,8 +222,8 @@ def write_parquet(dataset: Dataset, folder: Path, fields: Fields, parameters: Pa
     _write_tables(dataset, folder, fields, parameters.rows_per_group, done)
 
 
-@plugin("exporter", parameters=HuggingFace)
-def write_huggingface(dataset: Dataset, folder: Path, fields: Fields, parameters: HuggingFace, done: Done) -> None:
+@plugin("exporter", "huggingface", parameters=Form)
+def write_huggingface(dataset: Dataset, folder: Path, fields: Fields, parameters: Form, done: Done) -> None:
     """Write one ``SPLIT.parquet`` per split, arrays as nested lists, and ``README.md``, which names their features.
     An array without values, of a target without a track, is null.
     """
@@ -399,8 +379,8 @@ def write_zarr(dataset: Dataset, folder: Path, fields: Fields, parameters: Zarr,
         done(rows.size)
 
 
-@plugin("exporter", parameters=Xarray, least=1)
-def write_xarray(dataset: Dataset, folder: Path, fields: Fields, parameters: Xarray, done: Done) -> None:
+@plugin("exporter", "xarray", parameters=Form, least=1)
+def write_xarray(dataset: Dataset, folder: Path, fields: Fields, parameters: Form, done: Done) -> None:
     """Write ``dataset.zarr``, one group: fields (example, ...) with their axes; columns are coordinates.
     Shorter arrays, and those of a target without a track, are filled with NaN.
     """
@@ -493,8 +473,8 @@ def _write_whole(group: Any, name: str, values: Any, dims: tuple[str, ...], unit
     group.create_array(name, data=values, chunks=chunks, dimension_names=names, attributes=attributes)
 
 
-@plugin("exporter", parameters=Sigmf, allowed=("baseband",), default=("baseband",), least=1)
-def write_sigmf_folder(dataset: Dataset, folder: Path, fields: Fields, parameters: Sigmf, done: Done) -> None:
+@plugin("exporter", "sigmf", parameters=Form, allowed=("baseband",), default=("baseband",), least=1)
+def write_sigmf_folder(dataset: Dataset, folder: Path, fields: Fields, parameters: Form, done: Done) -> None:
     """Write the baseband of every scene as a SigMF recording.
     Files are ``SPLIT/SCENE.sigmf-meta`` and ``.sigmf-data``; targets are annotations.
     """

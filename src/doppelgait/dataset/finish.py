@@ -253,8 +253,8 @@ class _Section(BaseModel, strict=True):
 
 
 class _Numbers(BaseModel, strict=True):
-    examples_per_class: NonNegativeInt | None = None
-    seed: NonNegativeInt | None = None
+    examples_per_class: NonNegativeInt
+    seed: NonNegativeInt
 
 
 class StatedPlan(BaseModel, strict=True):

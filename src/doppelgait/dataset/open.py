@@ -38,6 +38,7 @@ from doppelgait.dataset.rows import (
     As,
     LabelledArrays,
     balanced_weights,
+    check_fields,
     epoch_rows,
     make_picture,
     picture_format,
@@ -255,10 +256,7 @@ class Dataset:
 
     def check_fields(self, fields: Sequence[str]) -> None:
         """Raise a :class:`DatasetError` if a field is not kept."""
-        known: Mapping[str, Any] = self.description["fields"]
-        for name in fields:
-            if name not in known:
-                raise DatasetError(f"{self.directory}: keeps no {name!r}; it keeps {', '.join(known) or 'no arrays'}")
+        check_fields(fields, self.description["fields"], f"{self.directory}:")
 
     def class_numbers(self) -> npt.NDArray[np.int64]:
         """Return the class number of every row, as in ``dataset.json``."""

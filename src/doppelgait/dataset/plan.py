@@ -9,11 +9,9 @@ import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from itertools import chain, count, pairwise
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
 
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
@@ -55,17 +53,14 @@ SHOWN_NAMES = 4
 
 def group_subjects(scenes: Iterable[Sequence[str]]) -> dict[str, str]:
     """Return every subject's group, named after its first subject."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    from scipy.cluster.hierarchy import DisjointSet
 
-    together = list(scenes)
-    numbers = {name: n for n, name in enumerate(dict.fromkeys(chain.from_iterable(together)))}
-    pairs = [(numbers[a], numbers[b]) for subjects in together for a, b in pairwise(subjects)]
-    places = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-    links = coo_array((np.ones(len(pairs)), places), shape=(len(numbers), len(numbers)))
-    group_of = dict(zip(numbers, connected_components(links, directed=False)[1].tolist(), strict=True))
-    first = {group_of[name]: name for name in sorted(numbers, reverse=True)}
-    return {name: first[group] for name, group in group_of.items()}
+    groups = DisjointSet()
+    for subjects in scenes:
+        for name in subjects:
+            groups.add(name)
+            groups.merge(subjects[0], name)
+    return {name: members[0] for members in map(sorted, groups.subsets()) for name in members}
 
 
 def parse_source(subject: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -57,6 +57,13 @@ def make_picture(signature: xr.DataArray | None, patch: Patch) -> Levels:
     if whole is None:
         return np.zeros((patch.n_velocity, patch.n_time), dtype=np.float32)
     return cut(whole, (whole.shape[1] - patch.n_time) // 2, patch) * np.float32(patch.range_db)
+
+
+def check_fields(fields: Sequence[str], kept: Collection[str], owner: str) -> None:
+    """Raise a :class:`DatasetError` if ``owner`` does not keep a field."""
+    for name in fields:
+        if name not in kept:
+            raise DatasetError(f"{owner} keeps no {name!r}; it keeps {', '.join(kept) or 'no arrays'}")
 
 
 def picture_format(as_: As, fields: Sequence[str]) -> Patch | None:

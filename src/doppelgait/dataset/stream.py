@@ -16,7 +16,7 @@ from doppelgait.dataset.example import Example, label_arrays
 from doppelgait.dataset.motions import expand_folders, list_labels
 from doppelgait.dataset.plan import Plan, PlannedExample
 from doppelgait.dataset.resolve import resolve_example
-from doppelgait.dataset.rows import As, make_picture, picture_format
+from doppelgait.dataset.rows import As, check_fields, make_picture, picture_format
 from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.shard_files import INDEX_NAMES, describe_fields
 from doppelgait.processing.patches import Patch
@@ -120,10 +120,7 @@ class ExampleStream:
         DatasetError
             If torch is not installed, or the plan does not keep a field, or it has no picture.
         """
-        known = [spec.name for spec in self.config.dataset.fields]
-        for name in fields:
-            if name not in known:
-                raise DatasetError(f"fields: the plan keeps no {name!r}; it keeps {', '.join(known) or 'no arrays'}")
+        check_fields(fields, [spec.name for spec in self.config.dataset.fields], "fields: the plan")
         from doppelgait.dataset.torch_data import TorchStream, check_request
 
         check_request(fields, target)

@@ -271,12 +271,7 @@ def select_varying(table: pd.DataFrame) -> pd.DataFrame:
 
 def round_values(values: pd.Series) -> pd.Series:
     """Round numbers to five digits, so that equal sums are equal."""
-    numbers = values.to_numpy(dtype=np.float64)
-    known = np.isfinite(numbers) & (numbers != 0)
-    unit = 10.0 ** (np.floor(np.log10(np.abs(numbers[known]))) - 4.0)
-    numbers = numbers.copy()
-    numbers[known] = np.round(numbers[known] / unit) * unit
-    return pd.Series(numbers, index=values.index)
+    return values.map("{:.4e}".format, na_action="ignore").astype(np.float64)
 
 
 def tabulate_nuisances(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> pd.DataFrame:
@@ -324,14 +319,13 @@ def collect_nuisances(
 
 def tabulate_examples(examples: Sequence[ExampleSpec]) -> pd.DataFrame:
     """Tabulate label, group and nuisance parameters of resolved examples."""
-    records, names = [], []
+    records = []
     for example in examples:
         snr_db = example.run.noise.snr_db if example.run.noise.kind == "snr" else np.nan
         for number, row in enumerate(example.rows):
             stated = {"label": row.label, "group": example.group, **collect_nuisance(example, number)}
-            records.append({**stated, "noise.snr_db": snr_db})
-            names.append(row.id)
-    return pd.DataFrame(records, index=names)
+            records.append({"id": row.id, **stated, "noise.snr_db": snr_db})
+    return pd.DataFrame(records).set_index("id")
 
 
 def _select_measured(rows: pd.DataFrame) -> pd.DataFrame:
