@@ -19,7 +19,7 @@ from doppelgait.classify.learned import (
 from doppelgait.classify.model import calibrate, row_weights
 from doppelgait.classify.scorer import take_logarithms
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.core.plugins import Group, plugin
+from doppelgait.core.plugins import Group, Plugin, plugin
 from doppelgait.core.worker import limit_blas_threads
 
 MEMBERS = ("extended-logistic", "extended-boosting", "signature-network")
@@ -57,8 +57,19 @@ _OTHER_TREES = (
 Trainer = Callable[..., Learned]
 """A plug-in: ``(train, held, *, n_classes, seed)``; held rows only decide when to stop."""
 
+INPUTS = ("six", "extended", "speed", "signature", "extended+signature", "track", "nuisance", "nothing")
+
+
+def check_classifier(item: Plugin[Any]) -> None:
+    """Refuse a classifier without known inputs when it is registered."""
+    if (features := item.facts.get("features")) not in INPUTS:
+        raise ConfigError(f"classifier {item.name!r}: features = {features!r}; allowed are {', '.join(INPUTS)}")
+
+
 CLASSIFIERS: Group[Trainer] = Group(
-    "classifier", built_in=("doppelgait.classify.training", "doppelgait.classify.network")
+    "classifier",
+    built_in=("doppelgait.classify.training", "doppelgait.classify.network"),
+    check=check_classifier,
 )
 """Classifiers by name. Facts: ``features`` (``six``, ``extended``, ``speed``, ``signature``, ...) are its inputs,
 ``learner`` its name in reports, ``baseline`` marks one that is for comparison only."""
