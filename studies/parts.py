@@ -232,7 +232,7 @@ def draw_picture(path: Path) -> None:
     from matplotlib.patches import Patch
 
     from doppelgait.viz import save_figure
-    from doppelgait.viz.style import BLUE, SHORT_VELOCITY_LABEL, TIME_LABEL, VERMILLION, YELLOW, make_figure, name_axes
+    from doppelgait.viz.style import BLUE, TIME_LABEL, VERMILLION, YELLOW, make_figure, name_axes
 
     colours = ListedColormap([BLUE, VERMILLION, YELLOW])
     figure = make_figure(width_in=11.0, height_in=6.4)
@@ -255,7 +255,7 @@ def draw_picture(path: Path) -> None:
             panel.pcolormesh(time_s, speed_mps, label.T, vmin=-0.5, vmax=2.5, cmap=colours, rasterized=True)
         axes[0].set_ylim(middle - reach, middle + reach)
         for panel, title in zip(axes, ("signature", "estimated parts", "true parts"), strict=True):
-            name_axes(panel, title=f"{kind}: {title}", x=TIME_LABEL, y=SHORT_VELOCITY_LABEL)
+            name_axes(panel, title=f"{kind}: {title}", x=TIME_LABEL, y="radial velocity (m/s)")
             panel.label_outer()
     figure.colorbar(image, ax=rows[:, 0], location="left", aspect=40).set_label("power (dB re maximum of the column)")
     names = ("torso", "legs", "arms (estimated: arms and slow parts of legs)")

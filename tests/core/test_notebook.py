@@ -5,14 +5,16 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 from matplotlib import pyplot
+from matplotlib.figure import Figure
 
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset import Dataset
-from doppelgait.viz.objects import plot_dataset
+from doppelgait.viz.objects import plot_dataset, plot_radar
 from doppelgait.viz.style import make_axes
 
 SCENE = dg.Scene([dg.Target("boulic", label="human", range_m=4.0, aspect_deg=20.0)], duration_s=2.0)
@@ -72,7 +74,7 @@ def test_a_dataset_has_its_identity_and_a_legend_that_covers_no_bar(shown: dict[
     figure, axes = make_axes(width_in=5.2, height_in=3.2)
     plot_dataset(dataset, ax=axes)
     figure.canvas.draw()
-    legend = axes.get_legend().get_window_extent()
+    legend = figure.legends[0].get_window_extent()
     assert not [bar for bar in axes.patches if bar.get_width() and bar.get_window_extent().overlaps(legend)]
 
 
@@ -128,7 +130,20 @@ def test_the_overview_takes_a_recording_and_a_result(recording: dg.Recording) ->
     results = dg.analyze(recording, gate="truth")
     figure = dg.viz.overview(recording, results[0])
     assert figure.get_suptitle() == "human"
-    with pytest.raises(ConfigError, match=r"result: a list is not allowed; give one of its results"):
-        dg.viz.overview(recording, results)
-    with pytest.raises(ConfigError, match=r"result: is missing"):
-        dg.viz.overview(recording)
+    for value in (results, None):
+        with pytest.raises(ConfigError, match=rf"result: {type(value).__name__} is not allowed; give one of"):
+            dg.viz.overview(recording, value)
+
+
+def test_a_radar_shows_its_frame_and_a_label_is_off_the_arrow() -> None:
+    ax = Figure().subplots()
+    plot_radar(dg.Radar.preset("ti-77"), ax=ax)
+    assert (ax.get_title(loc="left"), ax.get_xlabel()) == ("Frame and unambiguous velocity", "range of the frame (m)")
+    for heading_deg in range(0, 360, 15):
+        ax = Figure(figsize=(5.2, 3.2)).subplots()
+        dg.Scene([{"motion": "boulic", "start_position_m": (4, 0), "heading_deg": heading_deg}]).plot(ax=ax)
+        ax.figure.draw_without_rendering()
+        label, arrow = ax.texts[-2:]
+        ends = ax.transData.transform([arrow.xyann, arrow.xy])
+        assert not any(label.get_window_extent().contains(*point) for point in np.linspace(*ends))
+        assert ax.bbox.contains(*ends[1])

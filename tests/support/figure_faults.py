@@ -4,7 +4,7 @@ import io
 import itertools
 import re
 
-from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -17,22 +17,16 @@ SYMBOL = re.compile(r"[A-Za-zµ]_[A-Za-zµ0-9]|[₀-₉]|_")
 NEAR_PX = 1.0
 
 
-def all_axes(figure: Figure) -> list[Axes]:
-    """Axes and second axes that are drawn."""
-    shown = [axes for axes in figure.axes if axes.get_visible() and axes.axison]
-    return [*shown, *itertools.chain.from_iterable(axes.child_axes for axes in shown)]
-
-
 def drawn_texts(figure: Figure) -> list[Text]:
     """Texts of a drawn figure without tick labels beyond the ends of an axis."""
     hidden: set[Text] = set()
-    for axes in (*figure.axes, *itertools.chain.from_iterable(axes.child_axes for axes in figure.axes)):
-        for axis in (axes.xaxis, axes.yaxis):
-            low, high = sorted(axis.get_view_interval())
-            margin = 1e-6 * (high - low)
-            for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
-                if not (low - margin <= tick.get_loc() <= high + margin) or not axes.get_visible() or not axes.axison:
-                    hidden |= {tick.label1, tick.label2}
+    for axis in figure.findobj(Axis):
+        low, high = sorted(axis.get_view_interval())
+        margin = 1e-6 * (high - low)
+        shown = axis.axes.get_visible() and axis.axes.axison
+        for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+            if not (low - margin <= tick.get_loc() <= high + margin) or not shown:
+                hidden |= {tick.label1, tick.label2}
     return [
         text for text in figure.findobj(Text)
         if text.get_visible() and text.get_text().strip() and text not in hidden
@@ -55,12 +49,12 @@ def faults(figure: Figure, form: str = "svg") -> list[str]:
         over_y = min(first.y1, second.y1) - max(first.y0, second.y0)
         if not slanted and over_x > NEAR_PX and over_y > NEAR_PX:
             found.append(f"{one.get_text()!r} overlaps {other.get_text()!r}")
-    for axes in all_axes(figure):
-        for label in (axes.get_xlabel(), axes.get_ylabel()):
-            if label and not UNIT.search(label) and not PURE.search(label):
-                found.append(f"label {label!r} has no unit")
-            if SYMBOL.search(label):
-                found.append(f"label {label!r} has a symbol or the name of a variable")
+    for axis in figure.findobj(Axis):
+        label = axis.label.get_text() if axis.axes.get_visible() and axis.axes.axison else ""
+        if label and not UNIT.search(label) and not PURE.search(label):
+            found.append(f"label {label!r} has no unit")
+        if SYMBOL.search(label):
+            found.append(f"label {label!r} has a symbol or the name of a variable")
     maps = [axes for axes in figure.axes if axes.images]
     if maps and not any(axes.get_label() == "<colorbar>" for axes in figure.axes):
         found.append("a map has no colour bar")

@@ -69,3 +69,5 @@ def test_a_class_has_one_colour_in_every_figure() -> None:
 def test_flags_are_words_with_the_quantities_of_the_tables():
     flag = "harmonic_ratio_3:no_peak_6_db_above_its_surroundings"
     assert describe_flag(flag) == "third harmonic ratio: no peak 6 dB above its surroundings"
+    flag = "torso_velocity_mps:uncertain_by_more_than_10_per_cent"
+    assert describe_flag(flag) == "torso velocity: uncertain by more than 10 %"

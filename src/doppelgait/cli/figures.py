@@ -18,11 +18,10 @@ from doppelgait.radar import Recording
 
 
 def save_figures(*analysed: Any, folder: Path, form: str = "png", **look: Any) -> Iterator[Path]:
-    """Write every figure into a folder; an overview is no figure for a paper."""
+    """Write every figure into a folder."""
     make_folder(folder)
     for name, figure in make_figures(*analysed):
-        if look.get("style") != "paper" or not name.endswith("overview"):
-            yield viz.save_figure(figure, folder / f"{name}.{form}", **look)
+        yield viz.save_figure(figure, folder / f"{name}.{form}", **look)
 
 
 def make_figures(recording: Recording, results: Sequence[Result], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
@@ -33,7 +32,8 @@ def make_figures(recording: Recording, results: Sequence[Result], analysis: Anal
         for number, result in enumerate(results)
     ]
     gates = {name: result.gate.limits for name, result in zip(names, results, strict=True)}
-    yield "range-time", viz.range_time(recording.baseband, tracks=gates)
+    ranged = recording.n_range_bins > 1
+    yield "range-time" if ranged else "level-time", viz.range_time(recording.baseband, tracks=gates)
     wavelength_m = recording.radar.wavelength_m
     as_reported = analysis.method == "liland2018"
     for number, result in enumerate(results):
@@ -45,12 +45,11 @@ def make_figures(recording: Recording, results: Sequence[Result], analysis: Anal
         except AnalysisError as error:  # a still person is found by breathing, at frame rates too low for Doppler
             print_message(f"note: no figure {prefix}-range-doppler: {error}")
         else:
-            yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), gate=result.gate.limits)
+            if ranged:
+                yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), gate=result.gate.limits)
         yield f"{prefix}-signature", viz.signature(result.signature)
-        yield (
-            f"{prefix}-signature-normalised",
-            viz.signature_normalisation(result.signature, normalised=result.normalised_signature),
-        )
+        pair = viz.signature_normalisation(result.signature, normalised=result.normalised_signature)
+        yield f"{prefix}-signature-normalised", pair
         ratios, f_mu_hz = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3), result.gait_frequency_hz
         harmonics_hz = [] if f_mu_hz is None else [None if ratio is None else ratio * f_mu_hz for ratio in ratios]
         marks: dict[str, Any] = {"gait_frequency_hz": f_mu_hz, "harmonics_hz": harmonics_hz}

@@ -12,11 +12,7 @@ DRAWINGS: Group[Any] = Group(DRAWING, ("doppelgait.viz.objects",), listed=False)
 
 def plot(name: str, value: Any, *, ax: Any = None, **settings: Any) -> Any:
     """Plot an object by the named function, on axes or a new figure of pyplot; return the axes."""
-    if ax is None:
-        from matplotlib import pyplot
-
-        ax = pyplot.subplots(figsize=(10.5, 5.5), layout="constrained")[1]
-    return DRAWINGS[name].run(value, ax=ax, **settings)
+    return DRAWINGS[name].run(value, ax=DRAWINGS["axes"].run() if ax is None else ax, **settings)
 
 
 def show_text(title: str, facts: Mapping[str, str]) -> str:

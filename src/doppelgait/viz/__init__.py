@@ -16,7 +16,7 @@ _HOME = {
     "range_time": "ranges",
     "range_doppler_map": "ranges",
     "signature": "ranges",
-    "signature_normalisation": "ranges",
+    "signature_normalisation": "tables",
     "contact_sheet": "tables",
     "cadence_map": "spectra",
     "cadence_spectrum": "spectra",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -10,29 +11,38 @@ import xarray as xr
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Schema, check_signal
 from doppelgait.core.units import FloatArray, doppler_to_velocity_mps, power_to_db, velocity_to_doppler_hz
-from doppelgait.viz.style import MAP_COLOURS, VELOCITY_LABEL
+from doppelgait.viz import style
 
 NO_DATA = "#bdbdbd"
 AUTO_DB_RANGE = (20.0, 40.0)
 """Smallest and largest dynamic range of a map if the caller sets none."""
 
 
-def check_array(array: xr.DataArray, schema: Schema) -> xr.DataArray:
+def check_array(array: Any, schema: Schema) -> xr.DataArray:
     """Return ``array`` if it has values and conforms to ``schema``."""
-    check_signal(array, schema)
-    if array.size == 0:
+    if hasattr(array, schema.name) and not isinstance(array, xr.DataArray):
+        kind = type(array).__name__
+        raise AnalysisError(f"{schema.name}: {kind} is not allowed; give the {schema.name} of this {kind}")
+    if check_signal(array, schema).size == 0:
         raise AnalysisError(f"{schema.name}: nothing to plot, its shape is {array.shape}")
-    return array
+    return array  # type: ignore[no-any-return]
 
 
 def check_signature(array: xr.DataArray) -> xr.DataArray:
     """Check a signature, raw (V^2) or normalised (1)."""
     raw = getattr(array, "attrs", {}).get("units") == SIGNATURE.units
-    return check_array(array, SIGNATURE if raw else NORMALISED_SIGNATURE)
+    return check_array(array, SIGNATURE if raw else replace(NORMALISED_SIGNATURE, name=SIGNATURE.name))
+
+
+def check_wavelength(wavelength_m: float) -> None:
+    """Check that a wavelength is positive and finite."""
+    if not (np.isfinite(wavelength_m) and wavelength_m > 0):
+        raise AnalysisError(f"wavelength_m is {wavelength_m}; it must be positive")
 
 
 def check_db_range(db_range: float) -> float:
@@ -52,8 +62,10 @@ def amplitude_to_db(amplitude: npt.ArrayLike) -> FloatArray:
     return 2.0 * compute_level_db(np.abs(np.asarray(amplitude)))
 
 
-def level_limits_db(level_db: FloatArray, db_range: float | None) -> tuple[float, float]:
+def level_limits_db(level_db: FloatArray, db_range: float | tuple[float, float] | None) -> tuple[float, float]:
     """Return the lower and upper end of the colour scale."""
+    if isinstance(db_range, tuple):
+        return db_range
     finite = level_db[np.isfinite(level_db)]
     top = float(finite.max()) if finite.size else 0.0
     if db_range is not None:
@@ -124,12 +136,11 @@ def plot_map(
     x: npt.ArrayLike,
     y: npt.ArrayLike,
     level_db: FloatArray,
-    limits_db: tuple[float, float] | float | None,
-    colours: str = MAP_COLOURS,
+    db_range: tuple[float, float] | float | None,
+    colours: str = style.MAP_COLOURS,
 ) -> ScalarMappable:
     """Plot levels of shape (y, x), clipped to limits or to a dynamic range."""
-    if not isinstance(limits_db, tuple):
-        limits_db = level_limits_db(level_db, limits_db)
+    limits_db = level_limits_db(level_db, db_range)
     clipped = np.clip(level_db, *limits_db)
     palette = colormaps[colours].with_extremes(bad=NO_DATA)
     settings: dict[str, Any] = {"cmap": palette, "vmin": limits_db[0], "vmax": limits_db[1]}
@@ -139,21 +150,56 @@ def plot_map(
     return axes.pcolormesh(x, y, clipped, shading="nearest", **settings)
 
 
+class Shown(TypedDict, total=False):
+    """Parts of a figure that may be left out."""
+
+    colorbar: bool
+    velocity_axis: bool
+    legend: bool
+
+
+def finish_axes(
+    axes: Axes,
+    ax: Axes | None,
+    title: str,
+    x: str,
+    y: str,
+    *,
+    image: ScalarMappable | None = None,
+    quantity: str = "power",
+    reference: str = "",
+    wavelength_m: float | None = None,
+    above: bool = False,
+    colorbar: bool = True,
+    velocity_axis: bool = True,
+    legend: bool = True,
+) -> Figure:
+    """Name axes and add velocity axis, colour bar and legend; ``ax`` are those of the user."""
+    style.name_axes(axes, title=title, x=x, y=y)
+    if image is None:
+        style.draw_grid(axes)
+    if wavelength_m is not None and velocity_axis:
+        add_velocity_axis(axes, wavelength_m, above=above)
+    if image is not None and colorbar:
+        add_colour_bar(image, axes, quantity=quantity, reference=reference)
+    if legend:
+        style.place_legend(axes, "figure" if ax is None else "inside")
+    style.fit_labels(axes)
+    return style.make_axes(axes)[0]
+
+
 def add_colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference: str = "") -> None:
     """Add a colour bar with quantity, level and range."""
     low, high = image.get_clim()
-    figure = axes[0].get_figure(root=True)
-    assert figure is not None
-    bar = figure.colorbar(image, ax=list(axes), pad=0.02, fraction=0.06, aspect=28)
+    bar = axes[0].figure.colorbar(image, ax=list(axes), pad=0.02, fraction=0.06, aspect=28)
     words = f"{quantity} (dB re {reference})" if reference else f"normalised {quantity} (dB)"
-    bar.set_label(f"{words}, {high - low:.0f} dB shown", fontsize=9.5)
-    bar.ax.tick_params(labelsize=9)
+    bar.set_label(f"{words}, {high - low:.0f} dB shown")
+    style.fit_labels(bar.ax)
 
 
-def add_velocity_axis(axes: Axes, wavelength: float, *, above: bool = False, label: str = VELOCITY_LABEL) -> Any:
+def add_velocity_axis(axes: Axes, wavelength: float, *, above: bool = False) -> None:
     """Add a second axis in m/s, f lambda / 2."""
-    if not (np.isfinite(wavelength) and wavelength > 0):
-        raise AnalysisError(f"wavelength_m is {wavelength}; it must be positive")
+    check_wavelength(wavelength)
 
     def to_velocity(doppler_hz: npt.ArrayLike) -> Any:
         return doppler_to_velocity_mps(doppler_hz, wavelength)
@@ -161,11 +207,8 @@ def add_velocity_axis(axes: Axes, wavelength: float, *, above: bool = False, lab
     def to_doppler(velocity_mps: npt.ArrayLike) -> Any:
         return velocity_to_doppler_hz(velocity_mps, wavelength)
 
+    both = (to_velocity, to_doppler)
     if above:
-        second = axes.secondary_xaxis("top", functions=(to_velocity, to_doppler))
-        second.set_xlabel(label, fontsize=9.5)
+        axes.secondary_xaxis("top", functions=both).set_xlabel(style.VELOCITY_LABEL)
     else:
-        second = axes.secondary_yaxis("right", functions=(to_velocity, to_doppler))
-        second.set_ylabel(label, fontsize=9.5)
-    second.tick_params(labelsize=9)
-    return second
+        axes.secondary_yaxis("right", functions=both).set_ylabel(style.VELOCITY_LABEL)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -13,7 +13,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import MOTION, read_axis
 from doppelgait.core.units import FloatArray, velocity_to_doppler_hz
 from doppelgait.viz import style
-from doppelgait.viz.maps import add_velocity_axis, check_array
+from doppelgait.viz.maps import Shown, check_array, check_wavelength, finish_axes
 
 PART_COLOURS = {
     "torso": style.ACCENT,
@@ -90,26 +90,13 @@ def plot_part_lines(axes: Axes, array: xr.DataArray, *, width: float = THIN, bol
             total = np.where(known, values[:, chosen], 0.0).sum(axis=1)
             mean = np.full(total.shape, np.nan)
             np.divide(total, known.sum(axis=1), out=mean, where=known.any(axis=1))
-            axes.plot(
-                time_s,
-                mean,
-                color=PART_COLOURS[find_part_group(parts[chosen[0]])],
-                lw=bold,
-                ls=dashes[chosen[0]],
-                label=f"{name} (mean)" if number == 0 else None,
-                zorder=3,
-            )
+            colour, label = PART_COLOURS[find_part_group(parts[chosen[0]])], None if number else f"{name} (mean)"
+            axes.plot(time_s, mean, color=colour, lw=bold, ls=dashes[chosen[0]], label=label, zorder=3)
     groups = [find_part_group(part) for part in parts]
     for column, group in enumerate(groups):
-        axes.plot(
-            time_s,
-            values[:, column],
-            color=PART_COLOURS[group],
-            lw=width,
-            alpha=0.8,
-            ls=dashes[column],
-            label=group if groups.index(group) == column else None,
-        )
+        look: Any = {"color": PART_COLOURS[group], "lw": width, "ls": dashes[column], "alpha": 0.8}
+        label = group if groups.index(group) == column else None
+        axes.plot(time_s, values[:, column], label=label, **look)
 
 
 SMALL, LARGE = 18.0, 48.0
@@ -145,12 +132,15 @@ def scatterer_doppler(scatterers: xr.Dataset, *, wavelength_m: float) -> xr.Data
     46
     """
     velocity = _get_variable(scatterers, "radial_velocity")
+    check_wavelength(wavelength_m)
     doppler_hz = velocity.copy(data=velocity_to_doppler_hz(velocity.values, wavelength_m)).rename("doppler")
     doppler_hz.attrs["units"] = "Hz"
     return doppler_hz
 
 
-def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scatterer", ax: Axes | None = None) -> Figure:
+def range_lines(
+    scatterers: xr.Dataset, *, title: str = "Range of every scatterer", ax: Axes | None = None, **shown: Unpack[Shown]
+) -> Figure:
     """Plot the range of every scatterer over time.
 
     Lines are coloured by body part (the report's Fig. 2.13).
@@ -160,6 +150,8 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
     scatterers : Dataset (slow_time, scatterer)
         With ``range`` in m and the coordinate ``part``; a second target (coordinate ``target``) is
         dashed.
+    **shown : bool
+        ``legend``, False to leave it out.
 
     Raises
     ------
@@ -175,7 +167,7 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Range of every scatterer', 'time (s)')
     """
-    return _plot_scatterers(scatterers, None, title, ax)
+    return _plot_scatterers(scatterers, None, title, ax, shown)
 
 
 def doppler_lines(
@@ -184,6 +176,7 @@ def doppler_lines(
     wavelength_m: float,
     title: str = "True Doppler frequency of every scatterer",
     ax: Axes | None = None,
+    **shown: Unpack[Shown],
 ) -> Figure:
     """Plot the true Doppler shift of every scatterer over time.
 
@@ -195,6 +188,8 @@ def doppler_lines(
         With ``radial_velocity`` in m/s, positive when approaching, and the coordinate ``part``.
     wavelength_m : float
         Positive.
+    **shown : bool
+        ``velocity_axis``, ``legend``, False to leave it out.
 
     Raises
     ------
@@ -210,27 +205,23 @@ def doppler_lines(
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('True Doppler frequency of every scatterer', 'time (s)')
     """
-    return _plot_scatterers(scatterers, wavelength_m, title, ax)
+    return _plot_scatterers(scatterers, wavelength_m, title, ax, shown)
 
 
-def _plot_scatterers(scatterers: xr.Dataset, wavelength_m: float | None, title: str, ax: Axes | None) -> Figure:
-    """Plot ranges, or with a wavelength Doppler frequencies."""
-    figure, axes = style.make_axes(ax)
+def _plot_scatterers(
+    scatterers: xr.Dataset, wavelength_m: float | None, title: str, ax: Axes | None, shown: Shown
+) -> Figure:
+    axes = style.make_axes(ax)[1]
     if wavelength_m is None:
         lines = _get_variable(scatterers, "range")
     else:
-        add_velocity_axis(axes, wavelength_m)
         lines = scatterer_doppler(scatterers, wavelength_m=wavelength_m)
         axes.axhline(0.0, color="black", lw=0.6, zorder=0)
     plot_part_lines(axes, lines)
-    style.name_axes(
-        axes, title=title, x=style.TIME_LABEL, y=style.RANGE_LABEL if wavelength_m is None else style.DOPPLER_LABEL
-    )
     if lines.sizes["slow_time"] > 1:
         axes.set_xlim(*read_axis(lines, "slow_time")[[0, -1]])
-    style.draw_grid(axes)
-    style.place_legend(axes, "figure" if ax is None else "inside")
-    return figure
+    label = style.RANGE_LABEL if wavelength_m is None else style.DOPPLER_LABEL
+    return finish_axes(axes, ax, title, style.TIME_LABEL, label, wavelength_m=wavelength_m, **shown)
 
 
 def stick_frames(
@@ -305,8 +296,8 @@ def stick_frames(
             joints = [points_m[[n for n in chosen if parts[n] == part]].mean(axis=0) for part in limb]
             if len(joints) > 1:
                 axes.plot(*np.transpose(joints), color=colour, lw=1.3, alpha=0.7, zorder=1)
-        axes.set_title(f"{time_s - times_s[0]:.2f} s", fontsize=10)
-    figure.suptitle(f"{title}, from {times_s[0]:.2f} s", fontsize=11.5, x=0.01, ha="left")
+        axes.set_title(f"{time_s - times_s[0]:.2f} s")
+    figure.suptitle(f"{title}, from {times_s[0]:.2f} s", x=0.01, ha="left")
     style.place_legend(panels[0], columns=8)
     return figure
 
@@ -325,7 +316,6 @@ def side_view_m(position_m: FloatArray) -> FloatArray:
 
 
 def _make_panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]:
-    """Make a figure with one panel per frame."""
     rows = 1 if n_frames <= 5 else 2
     across = -(-n_frames // rows)
     reach = 1.15 * float(np.nanmax(np.abs(side_m[..., 0])))
@@ -338,7 +328,7 @@ def _make_panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]
         axes.set(xlim=(-reach, reach), ylim=(low, high), aspect="equal", visible=number < n_frames)
         axes.axhline(0.0, color=style.REFERENCE, lw=0.8, zorder=0)
         last = number + across >= n_frames
-        axes.tick_params(labelsize=8, labelbottom=last)
-        axes.set_xlabel("along the path (m)" if last else "", fontsize=9)
-        axes.set_ylabel("" if number % across else "height (m)", fontsize=9)
+        axes.tick_params(labelbottom=last)
+        axes.set_xlabel("along the path (m)" if last else "")
+        axes.set_ylabel("" if number % across else "height (m)")
     return figure, panels[:n_frames]

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
@@ -21,13 +20,13 @@ from doppelgait.core.lazy import LONG_PULSES, take_every_row
 from doppelgait.core.units import FloatArray
 from doppelgait.viz import style
 from doppelgait.viz.maps import (
-    add_colour_bar,
-    add_velocity_axis,
+    Shown,
     amplitude_to_db,
     check_array,
     check_signature,
     compute_level_db,
     doppler_limits_hz,
+    finish_axes,
     plot_map,
     wavelength_m,
 )
@@ -37,6 +36,8 @@ Limits = tuple[float, float]
 
 MAIN_LINE = (style.LINE_COLOURS[0], style.YELLOW)
 """Colour of the main line on the coloured and on the grey map."""
+OUTLINED: dict[str, Any] = {"lw": 1.6, "path_effects": [withStroke(linewidth=3.0, foreground="black", alpha=0.6)]}
+"""Lines on a map."""
 ONE_MAP = Schema("range_doppler", ("doppler", "range"), "V^2", extra={"velocity": "doppler"})
 GATE_RANGES = ("range_low", "range_high")
 GATE_BAND = ("doppler_low", "doppler_high")
@@ -60,8 +61,9 @@ def range_time(
     *,
     tracks: xr.Dataset | Mapping[str, xr.Dataset] | None = None,
     db_range: float | None = None,
-    title: str = "Range against time",
+    title: str | None = None,
     ax: Axes | None = None,
+    **shown: Unpack[Shown],
 ) -> Figure:
     """Plot the data matrix, dB (report's Fig. 3.14b, 3.15).
 
@@ -69,10 +71,13 @@ def range_time(
     ----------
     baseband : DataArray (slow_time, range)
         Complex, V. For more than 32,768 pulses, about 4,096 equally spaced pulses are plotted.
+        One bin, of a radar without range, is plotted as a level over time.
     tracks : Dataset (time) or mapping of str to Dataset, optional
         Gate limits ``range_low`` and ``range_high`` in m, of one target or of several by label.
     db_range : float, optional
         Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
+    **shown : bool
+        ``colorbar``, ``legend``, False to leave it out.
 
     Raises
     ------
@@ -87,33 +92,29 @@ def range_time(
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Range against time', 'time (s)')
     """
-    figure, axes = style.make_axes(ax)
+    axes = style.make_axes(ax)[1]
     check_array(baseband, BASEBAND)
     count = baseband.sizes["slow_time"]
     every = math.ceil(count / MOST_COLUMNS) if count > LONG_PULSES else 1
     level_db, range_m = amplitude_to_db(take_every_row(baseband, every)).T, baseband.coords["range"].values
-    if range_m.size == 1:  # a radar without range: one band, as high as the axis
-        level_db, range_m = np.repeat(level_db, 2, axis=0), range_m + np.array([-0.25, 0.25])
-    image = plot_map(axes, baseband["slow_time"].values[::every], range_m, level_db, db_range)
+    time_s = baseband["slow_time"].values[::every]
+    if range_m.size == 1:  # a radar without range
+        axes.plot(time_s, level_db[0], color=style.LINE, lw=0.7)
+        words = "Level against time" if title is None else title
+        return finish_axes(axes, ax, words, style.TIME_LABEL, "level (dB re 1 V)", **shown)
+    image = plot_map(axes, time_s, range_m, level_db, db_range)
     limits = axes.get_xlim(), axes.get_ylim()
     named = {"gate": tracks} if isinstance(tracks, xr.Dataset) else dict(tracks or {})
     for (label, gate), (colour, dash) in zip(named.items(), style.map_lines(list(named)), strict=True):
         check_gate(gate, *GATE_RANGES)
         for name in GATE_RANGES:
-            axes.plot(
-                gate.coords["time"].values,
-                gate[name].values,
-                lw=1.6,
-                label=(label if label == "gate" else f"gate: {label}") if name == "range_low" else None,
-                path_effects=[withStroke(linewidth=3.0, foreground="black", alpha=0.6)],
-                color=colour,
-                ls=dash,
-            )
+            words = label if label == "gate" else f"gate: {label}"
+            look: Any = {"color": colour, "ls": dash, "label": words if name == "range_low" else None, **OUTLINED}
+            axes.plot(gate.coords["time"].values, gate[name].values, **look)
     axes.set(xlim=limits[0], ylim=limits[1])
-    style.name_axes(axes, title=title, x=style.TIME_LABEL, y=style.RANGE_LABEL)
-    add_colour_bar(image, axes, quantity="magnitude", reference="1 V")
-    style.place_legend(axes, "figure" if ax is None else "inside")
-    return figure
+    words = "Range against time" if title is None else title
+    bar: Any = {"image": image, "quantity": "magnitude", "reference": "1 V", **shown}
+    return finish_axes(axes, ax, words, style.TIME_LABEL, style.RANGE_LABEL, **bar)
 
 
 def range_doppler_map(
@@ -123,6 +124,7 @@ def range_doppler_map(
     db_range: float | None = None,
     title: str = "Range-Doppler map",
     ax: Axes | None = None,
+    **shown: Unpack[Shown],
 ) -> Figure:
     """Plot a range-Doppler map with gate (report's Fig. 4.5).
 
@@ -136,6 +138,8 @@ def range_doppler_map(
         the map has no time.
     db_range : float, optional
         Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
+    **shown : bool
+        ``colorbar``, ``velocity_axis``, ``legend``, False to leave it out.
 
     Raises
     ------
@@ -154,16 +158,10 @@ def range_doppler_map(
     ('Range-Doppler map at 0.05 s', 'range (m)')
     """
     check_array(power, ONE_MAP)
-    figure, axes = style.make_axes(ax)
+    axes = style.make_axes(ax)[1]
     range_m, doppler_hz = power.coords["range"].values, power.coords["doppler"].values
     image = plot_map(axes, range_m, doppler_hz, compute_level_db(power.values), db_range)
     time_s = float(power.coords["time"]) if "time" in power.coords else None
-    style.name_axes(
-        axes,
-        title=title if time_s is None else f"{title} at {time_s:.2f} s",
-        x=style.RANGE_LABEL,
-        y=style.DOPPLER_LABEL,
-    )
     if gate is not None:
         gates = check_gate(gate, *GATE_RANGES, *GATE_BAND)
         times_s = gates.coords["time"].values
@@ -173,12 +171,14 @@ def range_doppler_map(
         bottom, top = axes.get_ylim()
         margin = 0.004 * (top - bottom)
         d_low, d_high = max(d_low, bottom + margin), min(d_high, top - margin)
-        look: dict[str, Any] = {"fill": False, "ec": style.LINE_COLOURS[0], "lw": 1.8, "label": "gate"}
+        look: Any = {"fill": False, "ec": style.LINE_COLOURS[0], "lw": 1.8, "label": "gate"}
         axes.add_patch(Rectangle((r_low, d_low), r_high - r_low, d_high - d_low, **look))
-    add_velocity_axis(axes, wavelength_m(power))
-    add_colour_bar(image, axes, quantity="power", reference="1 V²")
-    style.place_legend(axes, "figure" if ax is None else "inside")
-    return figure
+    if range_m.size == 1:  # a radar without range
+        axes.set_xticks([])
+    words = title if time_s is None or not title else f"{title} at {time_s:.2f} s"
+    label = style.RANGE_LABEL if range_m.size > 1 else ""
+    scale: Any = {"image": image, "reference": "1 V²", "wavelength_m": wavelength_m(power)}
+    return finish_axes(axes, ax, words, label, style.DOPPLER_LABEL, **scale, **shown)
 
 
 def signature(
@@ -186,10 +186,11 @@ def signature(
     *,
     truth_doppler: xr.DataArray | None = None,
     main_line_hz: npt.ArrayLike | None = None,
-    db_range: float | None = None,
+    db_range: float | Limits | None = None,
     doppler_hz: Limits | None = None,
     title: str = "Micro-Doppler signature",
     ax: Axes | None = None,
+    **shown: Unpack[Shown],
 ) -> Figure:
     """Plot a signature, dB (report's Fig. 4.10, 4.11).
 
@@ -203,10 +204,13 @@ def signature(
         parts over a grey map.
     main_line_hz : array_like, shape (J,) or scalar, optional
         Main Doppler line at the signature's times, Hz.
-    db_range : float, optional
-        Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
+    db_range : float or (float, float), optional
+        Dynamic range below the strongest cell in dB, or lowest and highest level; by default down
+        to the noise, at most 40 dB.
     doppler_hz : (float, float), optional
         Doppler limits; by default the occupied part of the axis with 0 Hz and a margin.
+    **shown : bool
+        ``colorbar``, ``velocity_axis``, ``legend``, False to leave it out.
 
     Raises
     ------
@@ -223,39 +227,7 @@ def signature(
     ('Micro-Doppler signature', 'time (s)')
     """
     wavelength = wavelength_m(check_signature(signature))
-    figure, axes = style.make_axes(ax)
-    image = plot_signature(
-        axes,
-        signature,
-        truth_doppler=truth_doppler,
-        main_line_hz=main_line_hz,
-        db_range=db_range,
-        doppler_hz=doppler_hz,
-    )
-    style.name_axes(axes, title=title, x=style.TIME_LABEL, y=style.DOPPLER_LABEL)
-    add_velocity_axis(axes, wavelength)
-    add_colour_bar(image, axes, quantity="power", reference=choose_reference(signature))
-    style.place_legend(axes, "figure" if ax is None else "inside")
-    return figure
-
-
-def choose_reference(signature: xr.DataArray) -> str:
-    """Return the reference of the levels."""
-    return "1 V²" if signature.attrs["units"] == "V^2" else ""
-
-
-def plot_signature(
-    axes: Axes,
-    signature: xr.DataArray,
-    *,
-    truth_doppler: xr.DataArray | None = None,
-    main_line_hz: npt.ArrayLike | None = None,
-    db_range: float | None = None,
-    doppler_hz: Limits | None = None,
-    limits_db: Limits | None = None,
-) -> ScalarMappable:
-    """Plot map and lines of :func:`signature` on existing axes."""
-    check_signature(signature)
+    axes = style.make_axes(ax)[1]
     limits_hz = doppler_hz or doppler_limits_hz(
         signature, lines_hz=() if truth_doppler is None else truth_doppler.values
     )
@@ -264,7 +236,7 @@ def plot_signature(
         signature.coords["time"].values,
         signature.coords["doppler"].values,
         compute_level_db(signature.values).T,
-        limits_db or db_range,
+        db_range,
         style.MAP_COLOURS if truth_doppler is None else style.OVERLAY_COLOURS,
     )
     width_s = axes.get_xlim()
@@ -277,66 +249,16 @@ def plot_signature(
             raise AnalysisError(
                 f"main_line_hz has shape {values.shape}; it must be one number or ({count},), one per column"
             )
-        axes.plot(
-            signature.coords["time"].values,
-            np.broadcast_to(values, (count,)),
-            color=MAIN_LINE[truth_doppler is not None],
-            lw=1.6,
-            ls="--",
-            label="main line",
-            path_effects=[withStroke(linewidth=3.0, foreground="black", alpha=0.6)],
-        )
+        look: Any = {"color": MAIN_LINE[truth_doppler is not None], "ls": "--", "label": "main line", **OUTLINED}
+        axes.plot(signature.coords["time"].values, np.broadcast_to(values, (count,)), **look)
     axes.set(xlim=width_s, ylim=limits_hz)
-    return image
+    scale: Any = {"reference": choose_reference(signature), "wavelength_m": wavelength, **shown}
+    return finish_axes(axes, ax, title, style.TIME_LABEL, style.DOPPLER_LABEL, image=image, **scale)
 
 
-def signature_normalisation(
-    signature: xr.DataArray,
-    *,
-    normalised: xr.DataArray,
-    db_range: float | None = None,
-    doppler_hz: Limits | None = None,
-) -> Figure:
-    """Plot a signature before and after normalisation (report's Fig. 4.9).
-
-    Parameters
-    ----------
-    signature : DataArray (time, doppler)
-        Raw, V^2.
-    normalised : DataArray (time, doppler)
-        The same signature, normalised.
-    db_range : float, optional
-        Dynamic range of both maps in dB; by default down to the noise of each, at most 40 dB.
-    doppler_hz : (float, float), optional
-        Doppler limits of both maps; by default those of the normalised signature.
-
-    Raises
-    ------
-    AnalysisError
-        If an array does not conform to its schema.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> recording = dg.data.sample()
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> figure = dg.viz.signature_normalisation(
-    ...     result.signature, normalised=dg.processing.normalise(result.signature, 0.0)
-    ... )
-    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
-    ('(a) signature', 'time (s)')
-    """
-    check_signature(signature)
-    limits_hz = doppler_hz or doppler_limits_hz(check_signature(normalised))
-    figure = style.make_figure(width_in=12.5, height_in=5.0)
-    pair = figure.subplots(1, 2, sharey=True)
-    titles = ("(a) signature", "(b) columns normalised")
-    for axes, array, title in zip(pair, (signature, normalised), titles, strict=True):
-        image = plot_signature(axes, array, db_range=db_range, doppler_hz=limits_hz)
-        style.name_axes(axes, title=title, x=style.TIME_LABEL, y=style.DOPPLER_LABEL if axes is pair[0] else "")
-        add_colour_bar(image, axes, quantity="power", reference=choose_reference(array))
-    add_velocity_axis(pair[1], wavelength_m(normalised))
-    return figure
+def choose_reference(signature: xr.DataArray) -> str:
+    """Return the reference of the levels."""
+    return "1 V²" if signature.attrs["units"] == "V^2" else ""
 
 
 def plot_sensor_fit(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -16,13 +16,13 @@ from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM
 from doppelgait.core.units import FloatArray, power_to_db
 from doppelgait.viz import style
 from doppelgait.viz.maps import (
-    add_colour_bar,
-    add_velocity_axis,
+    Shown,
     amplitude_to_db,
     check_array,
     check_db_range,
     compute_level_db,
     doppler_limits_hz,
+    finish_axes,
     plot_map,
     wavelength_m,
 )
@@ -39,6 +39,7 @@ def cadence_spectrum(
     doubtful: bool = False,
     title: str = "Cadence spectrum",
     ax: Axes | None = None,
+    **shown: Unpack[Shown],
 ) -> Figure:
     """Plot a cadence spectrum in dB below its peak.
 
@@ -60,6 +61,8 @@ def cadence_spectrum(
         True if the values are amplitudes (20 log10), False if they are powers (10 log10).
     doubtful : bool
         True if the frequencies have low confidence; they are then shown with a question mark.
+    **shown : bool
+        ``legend``, False to leave it out.
 
     Raises
     ------
@@ -75,28 +78,23 @@ def cadence_spectrum(
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Cadence spectrum', 'cadence (Hz)')
     """
-    figure, axes = style.make_axes(ax, height_in=4.6)
-    shown = crop_cadence(check_array(spectrum, CADENCE_SPECTRUM), max_cadence_hz, gait_frequency_hz)
-    cadence_hz = shown.coords["cadence"].values
-    power = np.asarray(shown.values, dtype=np.float64) ** (2 if amplitude else 1)
+    axes = style.make_axes(ax, height_in=4.6)[1]
+    cropped = _crop(check_array(spectrum, CADENCE_SPECTRUM), max_cadence_hz, gait_frequency_hz)
+    cadence_hz = cropped.coords["cadence"].values
+    power = np.asarray(cropped.values, dtype=np.float64) ** (2 if amplitude else 1)
     level_db = plot_levels(axes, cadence_hz, power, db_range)
     axes.set_xlim(0.0, float(cadence_hz[-1]))
     for number, value in enumerate([gait_frequency_hz, *harmonics_hz], start=1):
         if value is not None and np.isfinite(value) and value <= axes.get_xlim()[1]:
             words = f"{number}: {'gait frequency' if number == 1 else 'harmonic'}, {value:.2f} Hz" + " ?" * doubtful
-            _mark_peak(axes, value, float(np.interp(value, cadence_hz, level_db)), str(number), label=words)
+            at = (value, float(np.interp(value, cadence_hz, level_db)))
+            axes.plot(*at, marker="o", color=style.ACCENT, ms=5, ls="none", label=words)
+            above: dict[str, Any] = {"xytext": (0, 5), "textcoords": "offset points"}
+            style.write_note(axes, str(number), at, style.ACCENT, **above)
     if gait_frequency_hz is None:
         corner: dict[str, Any] = {"xycoords": "axes fraction", "ha": "right", "va": "top"}
         style.write_note(axes, "no gait frequency", (0.99, 0.96), style.ACCENT, **corner)
-    style.name_axes(axes, title=title, x=style.CADENCE_LABEL, y=style.LEVEL_LABEL)
-    style.place_legend(axes, "figure" if ax is None else "inside")
-    return figure
-
-
-def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, label: str | None = None) -> None:
-    axes.plot([cadence_hz], [level_db], marker="o", color=style.ACCENT, ms=5, ls="none", label=label)
-    above: dict[str, Any] = {"xytext": (0, 7), "textcoords": "offset points"}
-    style.write_note(axes, text, (cadence_hz, level_db), style.ACCENT, **above)
+    return finish_axes(axes, ax, title, style.CADENCE_LABEL, style.LEVEL_LABEL, **shown)
 
 
 def plot_levels(axes: Axes, x: FloatArray, values: npt.ArrayLike, db_range: float) -> FloatArray:
@@ -108,7 +106,6 @@ def plot_levels(axes: Axes, x: FloatArray, values: npt.ArrayLike, db_range: floa
     if top > 0:
         level_db = np.maximum(compute_level_db(power / top), -2.0 * db_range)
     axes.plot(x, level_db, color=style.LINE, lw=1.3)
-    style.draw_grid(axes)
     lowest = 5.0 * float(np.floor(np.nanquantile(level_db, 0.05) / 5.0)) - 5.0
     bottom = max(-db_range, min(lowest, -15.0))
     axes.set_ylim(bottom, -0.2 * bottom)
@@ -126,6 +123,7 @@ def mean_doppler_spectrum(
     db_range: float = 40.0,
     title: str = "Mean Doppler spectrum",
     ax: Axes | None = None,
+    **shown: Unpack[Shown],
 ) -> Figure:
     """Plot the mean Doppler spectrum below its peak, dB.
 
@@ -148,6 +146,8 @@ def mean_doppler_spectrum(
         t_mu relative to the maximum, plotted as a level.
     db_range : float
         Range of the level axis, dB.
+    **shown : bool
+        ``velocity_axis``, ``legend``, False to leave it out.
 
     Raises
     ------
@@ -169,27 +169,22 @@ def mean_doppler_spectrum(
         )
     if threshold is not None and not 0 < threshold < 1:
         raise AnalysisError(f"threshold is {threshold}; it is relative to the maximum, between 0 and 1")
-    figure, axes = style.make_axes(ax, height_in=4.6)
+    axes = style.make_axes(ax, height_in=4.6)[1]
     level_db = plot_levels(axes, axis_hz, power, db_range)
     axes.set_xlim(float(axis_hz[0]), float(axis_hz[-1]))
     if bandwidth_hz is not None:
         edges_hz = bandwidth_hz if isinstance(bandwidth_hz, tuple) else densest_band_hz(power, axis_hz, bandwidth_hz)
-        axes.axvspan(*edges_hz, color=style.SHADE, alpha=0.45, lw=0, zorder=0)
-        words, at = f"bandwidth {edges_hz[1] - edges_hz[0]:.0f} Hz", (sum(edges_hz) / 2.0, 0.03)
-        style.write_note(axes, words, at, style.LINE, xycoords=("data", "axes fraction"))
+        words = f"bandwidth {edges_hz[1] - edges_hz[0]:.0f} Hz"
+        axes.axvspan(*edges_hz, color=style.SHADE, alpha=0.45, lw=0, zorder=0, label=words)
     if threshold is not None:
         line_db = float(power_to_db(threshold))
-        axes.axhline(line_db, color=style.REFERENCE, lw=1.0, ls="--")
-        words, at = f"threshold {threshold:g} ({line_db:.1f} dB)", (0.99, line_db)
-        above: dict[str, Any] = {"xytext": (0, 3), "textcoords": "offset points", "ha": "right"}
-        above["xycoords"] = ("axes fraction", "data")
-        style.write_note(axes, words, at, style.REFERENCE, **above)
+        words = f"threshold {threshold:g} ({line_db:.1f} dB)"
+        axes.axhline(line_db, color=style.REFERENCE, lw=1.0, ls="--", label=words)
     if torso_doppler_hz is not None:
-        level = float(np.interp(torso_doppler_hz, axis_hz, level_db))
-        _mark_peak(axes, torso_doppler_hz, level, f"torso {torso_doppler_hz:.1f} Hz")
-    add_velocity_axis(axes, wavelength_m, above=True)
-    style.name_axes(axes, title=title, x=style.DOPPLER_LABEL, y=style.LEVEL_LABEL)
-    return figure
+        at = (torso_doppler_hz, float(np.interp(torso_doppler_hz, axis_hz, level_db)))
+        axes.plot(*at, marker="o", color=style.ACCENT, ms=5, ls="none", label=f"torso {torso_doppler_hz:.1f} Hz")
+    scale: Any = {"wavelength_m": wavelength_m, "above": True, **shown}
+    return finish_axes(axes, ax, title, style.DOPPLER_LABEL, style.LEVEL_LABEL, **scale)
 
 
 def densest_band_hz(power: FloatArray, doppler_hz: FloatArray, width_hz: float) -> tuple[float, float]:
@@ -214,6 +209,7 @@ def cadence_map(
     doubtful: bool = False,
     title: str = "Cadence-velocity diagram",
     ax: Axes | None = None,
+    **shown: Unpack[Shown],
 ) -> Figure:
     """Plot a cadence-velocity diagram in dB (the report's Fig. 4.12).
 
@@ -232,6 +228,8 @@ def cadence_map(
         Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
     doubtful : bool
         True if the gait frequency has low confidence; it is then shown with a question mark.
+    **shown : bool
+        ``colorbar``, ``velocity_axis``, ``legend``, False to leave it out.
 
     Raises
     ------
@@ -247,12 +245,12 @@ def cadence_map(
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Cadence-velocity diagram', 'cadence (Hz)')
     """
-    figure, axes = style.make_axes(ax)
-    shown = crop_cadence(check_array(cadence_map, CADENCE_MAP), max_cadence_hz, gait_frequency_hz)
-    level_db = amplitude_to_db(shown.values).T
-    cadence_hz = shown.coords["cadence"].values
-    image = plot_map(axes, cadence_hz, shown.coords["doppler"].values, level_db, db_range)
-    axes.set(xlim=(0.0, float(cadence_hz[-1])), ylim=doppler_limits_hz(shown**2))
+    axes = style.make_axes(ax)[1]
+    cropped = _crop(check_array(cadence_map, CADENCE_MAP), max_cadence_hz, gait_frequency_hz)
+    level_db = amplitude_to_db(cropped.values).T
+    cadence_hz = cropped.coords["cadence"].values
+    image = plot_map(axes, cadence_hz, cropped.coords["doppler"].values, level_db, db_range)
+    axes.set(xlim=(0.0, float(cadence_hz[-1])), ylim=doppler_limits_hz(cropped**2))
     if gait_frequency_hz is not None:
         higher_hz = (2.0 * gait_frequency_hz, 3.0 * gait_frequency_hz) if harmonics_hz is None else harmonics_hz
         marked_hz = {
@@ -260,25 +258,18 @@ def cadence_map(
             for number, value in enumerate((gait_frequency_hz, *higher_hz), start=1)
             if value is not None and np.isfinite(value) and value < axes.get_xlim()[1]
         }
-        numbers = [str(number) for number in marked_hz if number > 1]
-        label = f"gait frequency, {gait_frequency_hz:.2f} Hz" + " ?" * doubtful
-        if numbers:
-            label += f", and its harmonic{'s' * (len(numbers) > 1)} {' and '.join(numbers)}"
+        label = f"1: gait frequency, {gait_frequency_hz:.2f} Hz" + " ?" * doubtful
         for number, value in marked_hz.items():
             axes.axvline(value, ymin=0.94, color=style.LINE_COLOURS[0], lw=1.6, label=label if number == 1 else None)
             below: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "va": "top"}
             style.write_note(axes, str(number), (value, 0.93), style.LINE_COLOURS[0], **below)
     from_line = cadence_map.attrs.get("aligned", False)
     doppler_label = style.FROM_LINE_LABEL if from_line else style.DOPPLER_LABEL
-    style.name_axes(axes, title=title, x=style.CADENCE_LABEL, y=doppler_label)
-    add_velocity_axis(axes, wavelength_m(cadence_map))
-    add_colour_bar(image, axes, quantity="magnitude")
-    style.place_legend(axes, "figure" if ax is None else "inside")
-    return figure
+    scale: Any = {"quantity": "magnitude", "wavelength_m": wavelength_m(cadence_map), **shown}
+    return finish_axes(axes, ax, title, style.CADENCE_LABEL, doppler_label, image=image, **scale)
 
 
-def crop_cadence(array: xr.DataArray, max_cadence_hz: float | None, gait_frequency_hz: float | None) -> xr.DataArray:
-    """Crop an array (cadence, ...), by default to show three harmonics."""
+def _crop(array: xr.DataArray, max_cadence_hz: float | None, gait_frequency_hz: float | None) -> xr.DataArray:
     if max_cadence_hz is None:
         max_cadence_hz = min(max(8.0, 3.6 * (gait_frequency_hz or 0.0)), 20.0)
     shown = array.isel(cadence=array.coords["cadence"].values <= max_cadence_hz + 1e-9)

@@ -5,18 +5,23 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterable, Sequence
+from copy import deepcopy
 from pathlib import Path
 from threading import Lock
 from typing import Any, Literal
+from weakref import WeakKeyDictionary
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis, XAxis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.image import AxesImage
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
+from matplotlib.ticker import MaxNLocator
 
 from doppelgait.core.config import check_choice, check_type
 from doppelgait.core.errors import AnalysisError
@@ -31,6 +36,8 @@ FILE_SETTINGS: Any = {"svg.hashsalt": "doppelgait", "pdf.fonttype": 42}
 PAPER_IN, PAPER_PT, PAPER_DPI = (3.5, 7.2), 8, 300
 """Widths of one column and of two, text and resolution of a journal."""
 _SETTINGS_LOCK = Lock()
+_MADE_IN: WeakKeyDictionary[Figure, tuple[float, ...]] = WeakKeyDictionary()
+"""Size of every figure made here: a user chose another size."""
 MAP_COLOURS = "magma"
 """Colour map of levels, perceptually uniform from black, so that an empty scene is dark."""
 OVERLAY_COLOURS = "gray"
@@ -60,8 +67,15 @@ TIME_LABEL, RANGE_LABEL = "time (s)", "range (m)"
 DOPPLER_LABEL = "Doppler frequency (Hz)"
 FROM_LINE_LABEL = "Doppler frequency from the main line (Hz)"
 VELOCITY_LABEL = "radial velocity (m/s), approaching positive"
-SHORT_VELOCITY_LABEL = "radial velocity (m/s)"
-"""Label of the velocity axis on pages with several panels."""
+SHORTER = (
+    (r"\), .*", ")"),
+    (r" re maximum\)", ")"),
+    (r"Doppler frequency from the", "Doppler from"),
+    (r"Doppler (?=from)", ""),
+    (r"Doppler frequency", "Doppler"),
+    (r"radial |normalised ", ""),
+)
+"""What shortens the label of a short axis, until it fits."""
 CADENCE_LABEL = "cadence (Hz)"
 LEVEL_LABEL = "level (dB re maximum)"
 
@@ -92,9 +106,9 @@ def describe_quantity(name: str) -> tuple[str, str]:
 
 def describe_flag(flag: str) -> str:
     """Return a quality flag in words, quantities as in tables."""
-    for name in ("harmonic_ratio_2", "harmonic_ratio_3"):
-        flag = flag.replace(name, QUANTITY_NAMES[name])
-    return flag.replace("_", " ").replace(":", ": ").replace(" db ", " dB ")
+    name, colon, words = flag.partition(":")
+    words = words.replace("_", " ").replace(" db ", " dB ").replace(" per cent", " %")
+    return f"{describe_quantity(name)[0]}: {words}" if colon else name.replace("_", " ")
 
 
 def label_quantity(name: str) -> str:
@@ -127,6 +141,12 @@ def make_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: b
     layout: Literal["compressed", "constrained"] = "compressed" if compressed else "constrained"
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout, facecolor="white")
     FigureCanvasAgg(figure)
+    return keep_size(figure)
+
+
+def keep_size(figure: Figure) -> Figure:
+    """Note the size of a figure, which no user chose."""
+    _MADE_IN[figure] = tuple(figure.get_size_inches())
     return figure
 
 
@@ -141,10 +161,9 @@ def make_axes(ax: Axes | None = None, *, width_in: float = 10.5, height_in: floa
 
 def name_axes(axes: Axes, *, title: str, x: str, y: str) -> None:
     """Set title and axis labels, the same everywhere."""
-    axes.set_title(title, fontsize=11.5, loc="left")
-    axes.set_xlabel(x, fontsize=10)
-    axes.set_ylabel(y, fontsize=10)
-    axes.tick_params(labelsize=9)
+    axes.set_title(title, loc="left")
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
 
 
 def draw_grid(axes: Axes) -> None:
@@ -155,23 +174,19 @@ def draw_grid(axes: Axes) -> None:
 
 def write_note(axes: Axes, text: str, at: tuple[float, float], colour: str, **look: Any) -> None:
     """Write a short text next to a point of the axes."""
-    axes.annotate(text, at, color=colour, **{"fontsize": 9, "ha": "center", "va": "bottom", **look})
+    axes.annotate(text, at, color=colour, **{"ha": "center", "va": "bottom", **look})
 
 
-def place_legend(axes: Axes, where: Literal["figure", "panel", "inside"] = "figure", *, columns: int = 6) -> None:
-    """Put a legend below the figure or the panel, or inside it."""
+def place_legend(axes: Axes, where: Literal["figure", "inside"] = "figure", *, columns: int = 6) -> None:
+    """Put a legend below the figure or inside the axes."""
     handles, labels = axes.get_legend_handles_labels()
     if not handles:
         return
     if where == "inside":
-        legend = axes.legend(handles, labels, loc="best", fontsize=8)
-    elif where == "panel":
-        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "borderaxespad": 0.0}
-        legend = axes.legend(handles, labels, ncols=columns, fontsize=8.5, frameon=False, **below)
+        legend = axes.legend(handles, labels)
+        legend.set_in_layout(False)  # else the layout shrinks the axes around a long entry
     else:
-        figure = axes.get_figure(root=True)
-        assert figure is not None
-        legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
+        legend = _place_below(axes.figure, handles, labels, columns)
     # Thin lines and small or pale marks of a legend are not readable.
     for handle in legend.legend_handles:
         if isinstance(handle, Line2D):
@@ -180,32 +195,81 @@ def place_legend(axes: Axes, where: Literal["figure", "panel", "inside"] = "figu
             handle.set(sizes=[30.0], alpha=1.0)
 
 
-def fit_to_paper(figure: Figure) -> None:
-    """Give a figure a journal's size and text, without titles: those are in the caption."""
-    width_in, height_in = figure.get_size_inches()
-    panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
-    new_in = PAPER_IN[len(panels) > 1]
-    figure.set_size_inches(new_in, max(new_in * height_in / width_in, 0.7 * PAPER_IN[0]))
-    figure.set_dpi(PAPER_DPI)
-    figure.suptitle("")
-    for axes in figure.axes:
-        for side in ("left", "center", "right"):
-            axes.set_title("", loc=side)
-        axes.tick_params(labelsize=PAPER_PT)
-    for legend in list(figure.legends):  # one entry below the other
-        entries: Any = legend.legend_handles, [text.get_text() for text in legend.get_texts()]
+def _place_below(figure: Figure | SubFigure, handles: Any, labels: Sequence[str], columns: int, **look: Any) -> Legend:
+    look |= {"frameon": False, "handlelength": 1.5, "columnspacing": 1.2, "handletextpad": 0.5}
+    while True:
+        legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, **look)
+        if columns == 1 or legend.get_window_extent().width < figure.bbox.width:
+            return legend
         legend.remove()
-        figure.legend(*entries, loc="outside lower center", frameon=False)
-    for text in figure.findobj(Text):
-        words = text.get_text().replace(VELOCITY_LABEL, SHORT_VELOCITY_LABEL)
-        text.set(fontsize=PAPER_PT, text=re.sub(r", \d+ dB shown$", "", words))
+        columns -= 1
+
+
+def fit_labels(axes: Axes) -> None:
+    """Shorten labels that are longer than their axis, and leave out ticks that touch."""
+    for axis in axes.findobj(Axis):
+        side, locator = "width" if isinstance(axis, XAxis) else "height", axis.get_major_locator()
+        length = 0.97 * getattr(axes.bbox, side)
+        for long, short in SHORTER:
+            if getattr(axis.label.get_window_extent(), side) > length:
+                axis.label.set_text(re.sub(long, short, axis.label.get_text()))
+        texts = [text for text in axis.get_ticklabels() if text.get_text()]
+        sizes = [getattr(text.get_window_extent(), side) for text in texts]
+        if len(sizes) * 1.3 * max(sizes, default=0.0) > length and isinstance(locator, MaxNLocator):
+            locator.set_params(nbins=max(1, int(length / (1.3 * max(sizes)))))
+
+
+def _copy(figure: Figure) -> Figure:
+    canvas = figure.canvas  # pyplot would show a copy that has its window
+    FigureCanvasAgg(figure)
+    try:
+        return deepcopy(figure)
+    finally:
+        figure.set_canvas(canvas)
+
+
+def fit_to_paper(figure: Figure) -> Figure:
+    """Return a copy for a journal, which keeps a size that the user chose."""
+    copy = _copy(figure)
+    copy.set_dpi(PAPER_DPI)
+    for axis in copy.findobj(Axis):
+        for label in axis.get_ticklabels()[:1]:
+            axis.set_tick_params(labelsize=min(label.get_fontsize(), PAPER_PT))
+    for text in copy.findobj(Text):
+        text.set_fontsize(min(text.get_fontsize(), PAPER_PT))
+    if _MADE_IN.get(figure) == tuple(figure.get_size_inches()):
+        _resize(copy)
+    copy.draw_without_rendering()
+    for axes in copy.axes:
+        fit_labels(axes)
+    return copy
+
+
+def _resize(copy: Figure) -> None:
+    width_in, height_in = copy.get_size_inches()
+    panels = [axes for axes in copy.axes if axes.get_label() != "<colorbar>"]
+    new_in = PAPER_IN[len(panels) > 1]
+    copy.set_size_inches(new_in, max(new_in * height_in / width_in, 0.7 * PAPER_IN[0]))
+    copy.suptitle("")
+    if len(panels) == 1:  # the caption has the title, but not those of several panels
+        panels[0].set_title("", loc="left")
+    owners: Any = copy.findobj(FigureBase)
+    for owner in owners:
+        for legend in list(owner.legends):
+            labels = [text.get_text() for text in legend.get_texts()]
+            owner.legends.remove(legend)
+            below = _place_below(owner, legend.legend_handles, labels, 3, fontsize=PAPER_PT)
+            if owner is copy:
+                below_in = below.get_window_extent().height / PAPER_DPI
+                copy.set_figheight(copy.get_figheight() + below_in)
 
 
 def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None, style: str = "screen") -> Path:
     """Write a figure as PNG, SVG or PDF, atomically.
 
-    The same input gives the same bytes, provided that the figure was not rendered before: each
-    rendering repeats the layout and may shift panels by a fraction of a pixel.
+    The figure itself does not change. The same input gives the same bytes, provided that the
+    figure was not rendered before: each rendering repeats the layout and may shift panels by a
+    fraction of a pixel.
 
     Parameters
     ----------
@@ -215,7 +279,8 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None, s
     dpi : float, optional
         Pixels per inch; the figure's own by default.
     style : {"screen", "paper"}
-        ``paper`` changes the figure: 3.5 inches, 7.2 with several panels; 8 pt, 300 dpi, no titles.
+        ``paper``: text of at most 8 pt, 300 dpi. A figure of doppelgait is 3.5 inches wide without
+        a title, 7.2 with several panels; one that you made, or gave a size, keeps size and titles.
 
     Returns
     -------
@@ -242,14 +307,14 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None, s
     if form not in FIGURE_FORMATS:
         raise AnalysisError(f"{target}: end the name of a figure in .png, .svg or .pdf")
     check_choice(style, ("screen", "paper"), "style")
-    if style == "paper":
-        fit_to_paper(figure)
+    copy = fit_to_paper(figure) if style == "paper" else _copy(figure)
     if form != "png":  # maps keep the resolution of their data
-        for picture in figure.findobj(AxesImage):
+        for picture in copy.findobj(AxesImage):
             picture.set_interpolation("none")
     image = io.BytesIO()
     with _SETTINGS_LOCK, rc_context(FILE_SETTINGS):
-        figure.savefig(image, format=form, dpi=dpi or figure.dpi, metadata=dict.fromkeys(FIGURE_FORMATS[form]))
+        undated = dict.fromkeys(FIGURE_FORMATS[form])
+        copy.savefig(image, format=form, dpi=dpi or copy.dpi, metadata=undated)
     with open_atomically(target) as partial:
         partial.write_bytes(image.getvalue())
     return target

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -18,15 +18,19 @@ from matplotlib.transforms import Bbox
 from doppelgait.core.errors import AnalysisError
 from doppelgait.viz import style
 from doppelgait.viz.maps import (
+    Shown,
     add_colour_bar,
     add_velocity_axis,
     check_signature,
     compute_level_db,
     doppler_limits_hz,
+    finish_axes,
     level_limits_db,
+    plot_map,
     wavelength_m,
 )
-from doppelgait.viz.ranges import Limits, choose_reference, plot_signature
+from doppelgait.viz.ranges import Limits, choose_reference
+from doppelgait.viz.ranges import signature as plot_signature
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,7 +65,14 @@ def _count(name: str, known: BoolArray, members: BoolArray) -> str:
 
 
 def feature_scatter(
-    table: pd.DataFrame, *, x: str, y: str, by: str = "label", title: str | None = None, ax: Axes | None = None
+    table: pd.DataFrame,
+    *,
+    x: str,
+    y: str,
+    by: str = "label",
+    title: str | None = None,
+    ax: Axes | None = None,
+    **shown: Unpack[Shown],
 ) -> Figure:
     """Plot one feature against another by class (report's Fig. 5.8).
 
@@ -74,6 +85,8 @@ def feature_scatter(
         left out, and the legend has their number.
     by : str
         Column of the class.
+    **shown : bool
+        ``legend``, False to leave it out.
 
     Raises
     ------
@@ -91,26 +104,17 @@ def feature_scatter(
     """
     values, classes = _select_columns(table, (x, y), by)
     known = np.isfinite(values[x]) & np.isfinite(values[y])
-    figure, axes = style.make_axes(ax, width_in=9.5, height_in=6.0)
+    axes = style.make_axes(ax, width_in=9.5, height_in=6.0)[1]
     size = float(np.clip(4000.0 / len(classes), 5.0, 26.0))
     for name, colour in style.choose_class_colours(classes.tolist()).items():
         members = classes == name
         chosen = members & known
-        axes.scatter(
-            values[x][chosen],
-            values[y][chosen],
-            s=size,
-            color=colour,
-            alpha=0.65,
-            lw=0,
-            label=_count(name, known, members),
-        )
-    style.draw_grid(axes)
+        label = _count(name, known, members)
+        axes.scatter(values[x][chosen], values[y][chosen], s=size, color=colour, alpha=0.65, lw=0, label=label)
     x_label, y_label = style.label_quantity(x), style.label_quantity(y)
     words = f"{style.describe_quantity(y)[0]} against {style.describe_quantity(x)[0]}"
-    style.name_axes(axes, title=title or words[0].upper() + words[1:], x=x_label, y=y_label)
-    style.place_legend(axes, "figure" if ax is None else "inside")
-    return figure
+    words = words[0].upper() + words[1:] if title is None else title
+    return finish_axes(axes, ax, words, x_label, y_label, **shown)
 
 
 def feature_matrix(
@@ -169,24 +173,17 @@ def feature_matrix(
             members = classes == label
             inside = np.clip(column[members & known], edges[0], edges[-1])
             counts = np.histogram(inside, edges)[0]
-            axes.stairs(
-                100.0 * counts / max(inside.size, 1),
-                edges,
-                fill=True,
-                facecolor=(colour, 0.15),
-                edgecolor=colour,
-                lw=1.6,
-                label=label,
-            )
+            look: Any = {"fill": True, "facecolor": (colour, 0.15), "edgecolor": colour, "lw": 1.6}
+            axes.stairs(100.0 * counts / max(inside.size, 1), edges, label=label, **look)
         style.draw_grid(axes)
         style.name_axes(axes, title="", x=style.label_quantity(name), y="share of class (%)")
         words = ", ".join(
             _count(label, known, classes == label) for label in style.choose_class_colours(classes.tolist())
         )
-        axes.set_title("\n".join(textwrap.wrap(words, 56)), fontsize=8.5, loc="left")
+        axes.set_title("\n".join(textwrap.wrap(words, 56)), fontsize="small", loc="left")
     for axes in panels[len(features) :]:
         axes.set_visible(False)
-    figure.suptitle(title, fontsize=11.5, x=0.01, ha="left")
+    figure.suptitle(title, x=0.01, ha="left")
     style.place_legend(panels[0])
     return figure
 
@@ -260,22 +257,70 @@ def contact_sheet(
     panels = list(grid.flat)
     occupied = np.array([doppler_limits_hz(array) for array in arrays])
     limits_hz = doppler_hz or (float(occupied[:, 0].min()), float(occupied[:, 1].max()))
-    ends_s = []
+    ends_s: list[float] = []
+    bare: Any = {"colorbar": False, "velocity_axis": False, "legend": False}
     for axes, array, title in zip(panels, arrays, titles, strict=False):
-        image = plot_signature(axes, array, db_range=db_range, doppler_hz=limits_hz, limits_db=limits_db)
+        plot_signature(array, db_range=limits_db, doppler_hz=limits_hz, title=title, ax=axes, **bare)
         ends_s += axes.get_xlim()
-        axes.set_title(title, fontsize=9, loc="left")
-        axes.tick_params(labelsize=8)
+        axes.set(xlabel="", ylabel="")
         axes.set_facecolor("#eeeeee")
     panels[0].set_xlim(min(ends_s), max(ends_s))
     for number, axes in enumerate(panels):
         axes.set_visible(number < len(arrays))
         axes.tick_params(labelbottom=number + across >= len(arrays))
-    figure.supxlabel(style.TIME_LABEL, fontsize=10)
-    figure.supylabel(style.DOPPLER_LABEL, fontsize=10)
+    figure.supxlabel(style.TIME_LABEL)
+    figure.supylabel(style.DOPPLER_LABEL)
     for number in range(across - 1, len(arrays), across):
-        add_velocity_axis(panels[number], wavelength_m(arrays[0]), label=style.SHORT_VELOCITY_LABEL)
+        add_velocity_axis(panels[number], wavelength_m(arrays[0]))
+        style.fit_labels(panels[number])
+    image = (panels[0].images or panels[0].collections)[0]
     add_colour_bar(image, *panels, quantity="power", reference=choose_reference(arrays[0]))
+    return figure
+
+
+def signature_normalisation(
+    signature: xr.DataArray,
+    *,
+    normalised: xr.DataArray,
+    db_range: float | None = None,
+    doppler_hz: Limits | None = None,
+) -> Figure:
+    """Plot a signature before and after normalisation (report's Fig. 4.9).
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+        Raw, V^2.
+    normalised : DataArray (time, doppler)
+        The same signature, normalised.
+    db_range : float, optional
+        Dynamic range of both maps in dB; by default down to the noise of each, at most 40 dB.
+    doppler_hz : (float, float), optional
+        Doppler limits of both maps; by default those of the normalised signature.
+
+    Raises
+    ------
+    AnalysisError
+        If an array does not conform to its schema.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> recording = dg.data.sample()
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> figure = dg.viz.signature_normalisation(
+    ...     result.signature, normalised=dg.processing.normalise(result.signature, 0.0)
+    ... )
+    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
+    ('(a) signature', 'time (s)')
+    """
+    limits_hz = doppler_hz or doppler_limits_hz(check_signature(normalised))
+    figure = style.make_figure(width_in=12.5, height_in=5.0)
+    pair = figure.subplots(1, 2, sharey=True)
+    looks: Any = {"db_range": db_range, "doppler_hz": limits_hz, "legend": False}
+    plot_signature(signature, ax=pair[0], title="(a) signature", velocity_axis=False, **looks)
+    plot_signature(normalised, ax=pair[1], title="(b) columns normalised", **looks)
+    pair[1].set_ylabel("")
     return figure
 
 
@@ -292,32 +337,22 @@ def plot_domains(
     figure = style.make_figure(width_in=11.0, height_in=2.6 * len(pictures) + 0.24 * len(table) + 0.8)
     heights = [2.6] * len(pictures) + [0.24 * len(table) + 0.4]
     grid = figure.add_gridspec(len(pictures) + 1, columns, height_ratios=heights)
-    figure.suptitle(title, fontsize=12, x=0.01, ha="left")
+    figure.suptitle(title, x=0.01, ha="left")
     for line, (kind, shown) in enumerate(pictures.items()):
         for column, (level_db, axis, label) in enumerate(shown):
             axes = figure.add_subplot(grid[line, column])
             level_db = level_db - np.median(level_db)
-            extent = (0.0, float(len(level_db)), float(axis[0]), float(axis[-1]))
-            image = axes.imshow(
-                level_db.T,
-                origin="lower",
-                aspect="auto",
-                extent=extent,
-                vmin=-10.0,
-                vmax=25.0,
-                cmap=style.MAP_COLOURS,
-                interpolation="nearest",
-            )
-            axes.set_title(kind if column == 0 else "", fontsize=10, loc="left")
-            axes.set_ylabel(label if column == 0 else "", fontsize=9)
+            numbers = np.arange(len(level_db)) + 0.5
+            image = plot_map(axes, numbers, axis, level_db.T, (-10.0, 25.0))
+            axes.set_title(kind if column == 0 else "", loc="left")
+            axes.set_ylabel(label if column == 0 else "")
             step = "pulse number" if label == style.RANGE_LABEL else "window number"
-            axes.set_xlabel(step if line == len(pictures) - 1 else "", fontsize=9)
+            axes.set_xlabel(step if line == len(pictures) - 1 else "")
             axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
-            axes.tick_params(labelsize=8)
-    figure.colorbar(image, ax=figure.axes, aspect=40, pad=0.02).set_label("level above the median (dB)", fontsize=9)
+    figure.colorbar(image, ax=figure.axes, aspect=40, pad=0.02).set_label("level above the median (dB)")
     axes = figure.add_subplot(grid[-1, :])
     axes.axis("off")
-    axes.set_title(TABLE_TITLE, fontsize=9, loc="left")
+    axes.set_title(TABLE_TITLE, fontsize="small", loc="left")
     names = list(table[0])
     cells = [[row[name] for name in names] for row in table]
     made = axes.table(cellText=cells, colLabels=names, loc="upper center", cellLoc="left", bbox=Bbox.unit())
