@@ -2,6 +2,7 @@
 
 from doppelgait import classify as classify
 from doppelgait import core as core
+from doppelgait import data as data
 from doppelgait import dataset as dataset
 from doppelgait import features as features
 from doppelgait import motion as motion

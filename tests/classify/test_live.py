@@ -15,7 +15,7 @@ from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
 from doppelgait.core.rng import rng
 from doppelgait.dataset.windows import Ring
 from doppelgait.motion import boulic_walk
-from doppelgait.pipeline import simulate
+from doppelgait.pipeline import TargetList, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.radar.measured import label_measured
@@ -134,7 +134,7 @@ def test_after_a_gap_longer_than_a_window_windows_begin_anew(walk):
 
 @pytest.mark.parametrize("rate", [0.5, 2.0])
 def test_frames_of_another_rate_are_said(walk, rate, monkeypatch):
-    monkeypatch.setattr(live_module, "analyze_window", lambda *_: [])
+    monkeypatch.setattr(live_module, "analyze_window", lambda *_: TargetList())
     with pytest.warns(DoppelgaitWarning, match="prf_hz = 700 does not match their times"):
         list(stream(zip(walk.slow_time_s / rate, walk.samples.matrix, strict=True)))
 
@@ -150,7 +150,7 @@ class Analyses:
         self.starts_s.append(window.start_s)
         self.began.release()
         assert self.go_on.acquire(timeout=20)
-        return []
+        return TargetList()
 
 
 def test_an_analysis_that_is_behind_skips_hops_and_takes_the_newest(walk, monkeypatch):

@@ -67,7 +67,7 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
             f"--form onnx: {model.facts.name} follows tracks; use --form c or numpy, or export a model of windows"
         )
     if (settings is None) == (form == "c"):
-        raise ConfigError(f"--form {form}: --form c needs a radar (--radar x4, or a file); other forms take none")
+        raise ConfigError(f"--form {form}: --radar and --int8 are for --form c, which needs --radar (x4, or a file)")
     check_out(out, listing=LISTING, file_format=FORMAT, command="doppelgait model export")
     contents: dict[str, bytes] = {}
     if form == "onnx":

@@ -28,7 +28,6 @@ from doppelgait.classify.scorer import log_softmax
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.dataset.rows import balanced_weights
 
 LEAST_ROWS = 5  # minimum number of rows of every class for a calibration
 STEEPEST = 20.0
@@ -87,7 +86,8 @@ class Calibration:
 
 def row_weights(labels: IntArray, n_classes: int) -> FloatArray:
     """Return row weights that balance the present classes; mean 1."""
-    return balanced_weights(np.bincount(labels, minlength=n_classes))[labels]
+    counts = np.bincount(labels, minlength=n_classes)
+    return np.asarray(labels.size / (np.count_nonzero(counts) * counts[labels]))
 
 
 def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:

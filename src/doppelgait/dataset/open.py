@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -37,7 +37,6 @@ from doppelgait.dataset.rows import (
     Array,
     As,
     LabelledArrays,
-    balanced_weights,
     check_fields,
     epoch_rows,
     make_picture,
@@ -56,29 +55,6 @@ if TYPE_CHECKING:
 
 
 TEXT_COLUMNS = ("id", "label", "split", "shard")
-
-
-def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
-    """Check index columns that identify and locate examples."""
-    types, measured = pd.api.types, [f"feature_{name}" for name in FEATURE_UNITS]
-    missing = [name for name in (*TEXT_COLUMNS, "row", *measured) if name not in index]
-    if missing and len(index):
-        raise ValueError(f"index.parquet: has no column {missing[0]!r}")
-    if not index.columns.is_unique:
-        raise ValueError("index.parquet: two columns have the same name")
-    if not len(index):
-        return
-    texts = [name for name in TEXT_COLUMNS if types.infer_dtype(index[name]) in ("string", "categorical")]
-    fits = dict.fromkeys([name for name in texts if not index[name].isna().any()], True)
-    fits["row"] = types.is_integer_dtype(index["row"]) and bool((index["row"] >= 0).all())
-    fits |= {name: types.is_numeric_dtype(index[name]) for name in measured}
-    for name in (*TEXT_COLUMNS, "row", *measured):
-        if not fits.get(name):
-            words = "a text" if name in TEXT_COLUMNS else "a number" if name in measured else "a whole number from 0"
-            raise ValueError(f"index.parquet: column {name!r} must hold {words} in every row")
-    for name, known in (("split", SPLITS), ("label", classes)):
-        if strange := sorted(set(index[name].unique()) - set(known)):
-            raise ValueError(f"index.parquet: {name} {strange[0]!r} is not one of {', '.join(known)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,9 +249,9 @@ class Dataset:
             ``torch.tensor([*weights.values()])`` is the ``weight`` of a loss in torch.
         """
         classes: Mapping[str, int] = self.description["classes"]
-        counts = np.bincount(self.class_numbers(), minlength=1 + max(classes.values(), default=-1))
-        weights = balanced_weights(counts)
-        return {label: float(weights[number]) for label, number in sorted(classes.items(), key=lambda one: one[1])}
+        counts = self.index["label"].value_counts()
+        weights = len(self) / (len(counts) * counts)
+        return {label: float(weights.get(label, 0.0)) for label in sorted(classes, key=classes.__getitem__)}
 
     def arrays(self, field: str, *, as_: As = "array", memory_mb: float = 2000.0) -> LabelledArrays:
         """Return a field of all rows, with labels and groups.
@@ -511,15 +487,14 @@ def open_dataset(directory: str | Path) -> Dataset:
     DATASET.check_version(folder, version)
     identity = description["id"] if version >= 3 else None  # older datasets have the id in no other file
     try:
-        index = read_index(folder / "index.parquet", identity)
-        check_index(index, description["classes"])
+        index = read_index(folder / "index.parquet", identity, description["classes"])
     except (OSError, ValueError, KeyError, TypeError, OverflowError, NotImplementedError) as error:
         raise DatasetError(f"{folder}: is damaged: {error}") from None
     return Dataset(folder, description, index, ShardFiles(folder / "shards", identity))
 
 
-def read_index(path: Path, identity: str | None) -> pd.DataFrame:
-    """Read the index of a dataset."""
+def read_index(path: Path, identity: str | None, classes: Collection[str]) -> pd.DataFrame:
+    """Read the index of a dataset, and check its columns."""
     import pyarrow.parquet as pq
 
     stat_regular(path)
@@ -530,7 +505,24 @@ def read_index(path: Path, identity: str | None) -> pd.DataFrame:
         check_cost(path, CELL_BYTES // 4 * file.metadata.num_rows * file.metadata.num_columns)
         table = file.read()
     table.validate(full=True)  # texts, too: pandas decodes them on use
-    frame: pd.DataFrame = table.to_pandas()
-    if any(name in frame for name in INDEX_NAMES.values()):
-        return frame
-    return frame.rename(columns=INDEX_NAMES)  # datasets of version 0.1
+    index: pd.DataFrame = table.to_pandas()
+    if not index.columns.is_unique:
+        raise ValueError("index.parquet: two columns have the same name")
+    types, measured = pd.api.types, [f"feature_{name}" for name in FEATURE_UNITS]
+    for name in (*TEXT_COLUMNS, "row", *measured) if len(index) else ():
+        if name not in index:
+            raise ValueError(f"index.parquet: has no column {name!r}")
+        values = index[name]
+        fits, words = types.is_numeric_dtype(values), "a number"
+        if name in TEXT_COLUMNS:
+            fits, words = types.infer_dtype(values) in ("string", "categorical") and not values.isna().any(), "a text"
+        elif name == "row":
+            fits, words = types.is_integer_dtype(values) and bool((values >= 0).all()), "a whole number from 0"
+        if not fits:
+            raise ValueError(f"index.parquet: column {name!r} must hold {words} in every row")
+    for name, known in (("split", SPLITS), ("label", classes)) if len(index) else ():
+        if strange := sorted(set(index[name].unique()) - set(known)):
+            raise ValueError(f"index.parquet: {name} {strange[0]!r} is not one of {', '.join(known)}")
+    if not any(name in index for name in INDEX_NAMES.values()):  # datasets of version 0.1
+        index = index.rename(columns=INDEX_NAMES)
+    return index

@@ -99,14 +99,6 @@ def epoch_rows(index: pd.DataFrame, seed: int | None, epoch: int, worker: int, w
     return rows[worker::workers]
 
 
-def balanced_weights(counts: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-    """Return weights of mean 1 that balance all present classes."""
-    present = counts > 0
-    weights = np.zeros(counts.size)
-    weights[present] = counts.sum() / (present.sum() * counts[present])
-    return weights
-
-
 MAX_LENGTH = 10_000
 LOGIC = (ast.And, ast.Or, ast.BitAnd, ast.BitOr, ast.Not, ast.Invert)
 ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.USub)

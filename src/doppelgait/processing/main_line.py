@@ -195,9 +195,9 @@ def choose_velocity(
     apart_mps, speed_mps = abs(line_mean_hz - track_mean_hz) * half_m, abs(track_mean_hz) * half_m
     band_hz = bin_width_hz(signature) * signature.sizes["doppler"]
     ambiguous = np.abs(track_hz).max() > UNFOLDED_SHARE * band_hz / 2.0
-    if apart_mps > band_hz / 2.0 * half_m:  # the line is that of another fold
-        return line_hz, False
-    if ambiguous or apart_mps <= max(AGREEING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds):
+    if ambiguous:  # a line that far from the track is that of another fold
+        return line_hz, apart_mps <= band_hz / 2.0 * half_m
+    if apart_mps <= max(AGREEING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds):
         return line_hz, True
     bin_hz, near = bin_width_hz(signature), np.empty_like(strongest_v2)
     centre = np.rint((track_hz - float(signature.axis("doppler")[0])) / bin_hz).astype(np.int64)

@@ -172,7 +172,7 @@ def test_sizes_are_printed(file, tmp_path):
         (["--form", "tflite"], "allowed are c, numpy, onnx"),
         (["--form", "onnx", "--radar", "x4"], "are for --form c"),
         (["--form", "numpy", "--int8"], "are for --form c"),
-        (["--form", "c"], "which needs them"),
+        (["--form", "c"], "which needs --radar"),
         (["--form", "c", "--radar", "x4", "--prf-hz", "100"], "prf_hz 100 is outside"),
     ],
 )

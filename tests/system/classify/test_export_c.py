@@ -187,7 +187,7 @@ def test_what_does_not_fit_is_refused(tmp_path, model, radar, words):
     with pytest.raises(ConfigError, match=words):
         export_model(model, "c", tmp_path / "out", CSettings(radar))
     assert not (tmp_path / "out").exists()
-    with pytest.raises(ConfigError, match="needs them"):
+    with pytest.raises(ConfigError, match="which needs --radar"):
         export_model(model, "c", tmp_path / "out")
 
 

@@ -31,7 +31,6 @@ from doppelgait.dataset.finish import (
     read_record,
 )
 from doppelgait.dataset.lock import list_running_builds
-from doppelgait.dataset.open import check_index as check_index_columns
 from doppelgait.dataset.open import read_index
 from doppelgait.dataset.plan import list_names
 from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, decode, describe_fields, hash_contents
@@ -45,9 +44,7 @@ def read_files(directory: Path, description: Mapping[str, Any], tick: Callable[[
     path, identity = directory / "index.parquet", str(description["id"])
     if path.exists():
         try:
-            index = read_index(path, identity)
-            check_index_columns(index, description["classes"])
-            files.index = index
+            files.index = read_index(path, identity, description["classes"])
         except Exception as error:  # Arrow raises various errors for damaged files
             files.fault = f"index.parquet cannot be read: {' '.join(str(error).split())}"
     elif description.get("complete"):
