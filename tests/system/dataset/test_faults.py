@@ -135,7 +135,7 @@ def test_files_that_may_not_be_that_large(tmp_path, tiny_hash, executor):
     assert "Traceback" not in done.stderr
     assert leftovers(tmp_path / "d") == []
     found = read_dataset_status(tmp_path / "d")
-    assert (found.count("done") < 8, found.count("damaged")) == (True, 0)
+    assert ([*found.shards.values()].count("done") < 8, [*found.shards.values()].count("damaged")) == (True, 0)
     assert build_dataset(tiny_plan(), tmp_path / "d", executor="serial").n_reused == found.n_examples
     check_whole(tmp_path / "d", tiny_hash)
 
@@ -194,7 +194,7 @@ def test_ctrl_c_and_terminate_leave_a_state_to_go_on_from(tmp_path, tiny_hash, e
     assert "Traceback" not in complaints
     assert leftovers(tmp_path / "d") == []
     found = read_dataset_status(tmp_path / "d")
-    assert (found.removed, found.running, found.count("damaged")) == ((), (), 0)
+    assert (found.removed, found.running, [*found.shards.values()].count("damaged")) == ((), (), 0)
     assert 3 <= found.n_examples < 24
     assert build_dataset(tiny_plan(), tmp_path / "d", executor="serial").n_reused == found.n_examples
     check_whole(tmp_path / "d", tiny_hash)
@@ -284,7 +284,7 @@ def test_status_of_a_folder_at_work_removes_nothing(tmp_path):
     build_dataset(mini_plan(), tmp_path, executor="serial", on_progress=look)
     assert [len(found.running) for found in seen] == [1, 1]
     assert seen[0].removed == ()
-    assert [(found.count("done"), found.complete) for found in seen] == [(1, False), (2, False)]
+    assert [([*found.shards.values()].count("done"), found.complete) for found in seen] == [(1, False), (2, False)]
 
 
 def test_status_tells_done_missing_and_damaged_and_cleans_up_after_the_dead(tmp_path):
