@@ -87,13 +87,12 @@ def build_feature_matrix(index: pd.DataFrame, names: str | Sequence[str], withou
             for text in set(flags)
         }
         rows = index[~np.array([fits[text] for text in flags], dtype=bool)]
-    matrix = np.empty((len(rows), len(columns)), dtype=np.float64)
-    for place, column in enumerate(columns.values()):
+    for column in columns.values():
         if not pd.api.types.is_numeric_dtype(rows[column]):
             raise DatasetError(
                 f"{column}: holds {rows[column].dtype} values, which are not features; name numeric columns"
             )
-        matrix[:, place] = rows[column].to_numpy(dtype=np.float64, na_value=np.nan)
+    matrix = np.ascontiguousarray(rows[[*columns.values()]].to_numpy(dtype=np.float64, na_value=np.nan))
     group = "group" if "group" in rows else "subject"  # schema version 1 had one target per scene
     texts = {name: rows[name].to_numpy(dtype=str) for name in ("label", group, "id")}
     units = tuple(FEATURE_UNITS.get(name) or parse_unit(name) for name in columns)

@@ -38,13 +38,18 @@ class WorkersLostError(Exception):
     """Error of a build with lost workers."""
 
 
-def restart_lost_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequence[Shard]) -> Results:
-    """Yield the results of ``run``; restart it when workers are lost."""
+def run_by_workers(work: Work, shards: Sequence[Shard], executor: str, workers: int) -> Results:
+    """Yield the results of workers; restart them when some are lost."""
     left = {shard.name: shard for shard in shards}
     losses = 0
     while left:
+        queue, count = list(left.values()), min(workers, len(left))
+        if executor == "processes":
+            results = run_processes(work, queue, count)
+        else:
+            results = run_dask(work, queue, executor.removeprefix("dask").removeprefix("://"), count)
         try:
-            with closing(run(list(left.values()))) as results:
+            with closing(results):
                 for shard, record in results:
                     del left[shard.name]
                     losses = 0
@@ -233,13 +238,7 @@ def run_shards(
     count = min(workers or os.cpu_count() or 1, max(len(shards), 1))
     if executor == "serial" or (executor == "processes" and count == 1):
         return ((shard, work(shard)) for shard in shards)
-
-    def run(left: Sequence[Shard]) -> Results:
-        if executor == "processes":
-            return run_processes(work, left, min(count, len(left)))
-        return run_dask(work, left, executor.removeprefix("dask").removeprefix("://"), min(count, len(left)))
-
-    return restart_lost_workers(run, shards)
+    return run_by_workers(work, shards, executor, count)
 
 
 def check_executor(executor: str) -> None:
