@@ -8,8 +8,8 @@ Two days are simulated. The kinds of the first (`home-alarm-test`) were written 
 of the training nor any rule; nothing was chosen on it; of its animals there are more recordings. The second has
 recorded people and dogs that walk about (`home-alarm-recorded`); the two dogs are different kinds. A false alarm is a
 track that raises the alarm in a recording that should not; an entry is missed if no track raises it. Rates are per
-hour of an animal in the recording. Thresholds are that of the training data and round numbers.
-The days of the X4 are parts of the benchmark ([how to](../howto/benchmark.md)). It takes three hours of one core.
+hour of an animal in the recording; a kind counts by its hours a day. Thresholds are that of the training data and
+round numbers. The X4's days are parts of the benchmark ([how to](../howto/benchmark.md)). It takes three hours.
 
 Not shown: real radar, and recorded bodies in front of other radars than the X4.
 """
