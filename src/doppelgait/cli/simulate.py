@@ -23,7 +23,7 @@ from doppelgait.cli.output import (
     print_json,
     print_message,
 )
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, list_choices
 
 if TYPE_CHECKING:
     from doppelgait.radar import Recording
@@ -88,9 +88,7 @@ def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", help=OUTPUT_HELP)] = Path("recording.h5"),
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all random numbers.")] = None,
     changes: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
-    motion: Annotated[
-        str | None, typer.Option("--motion", help="Motion file, or model: boulic, quadruped, ...")
-    ] = None,
+    motion: Annotated[str | None, typer.Option("--motion", help="Motion file, or model: human, quadruped, ...")] = None,
     label: Annotated[str | None, typer.Option("--label", help="Class of the first target.")] = None,
     radar: Annotated[
         str | None,
@@ -168,7 +166,8 @@ def make_motion_table(motion: str) -> dict[str, Any]:
         moves = {"kind": motion}
     else:
         if not Path(motion).exists():
-            raise ConfigError(f"--motion {motion}: neither a file nor a model; models are {', '.join(MOTION_MODELS)}")
+            known = list_choices(MOTION_MODELS, motion)
+            raise ConfigError(f"--motion {motion}: neither a file nor a model (animals: quadruped); models are {known}")
         moves = {"kind": "file", "path": motion}
     return {"radar": {"preset": "x4"}, "targets": [{"motion": moves}]}
 
