@@ -342,6 +342,8 @@ def test_the_first_picture_is_that_of_all_ranges_on_a_coarse_grid(run, recording
 @pytest.mark.parametrize("target", [None, 0])
 def test_a_part_is_computed_again_on_a_finer_grid(run, recording, target):
     further = {"from": "4.0", "to": "4.5", **({} if target is None else {"target": str(target)})}
+    empty = panel.make_detail_payload(run, None, {**further, "from": "400", "to": "405"})  # of a longer recording
+    assert b'"range_time": null' in empty or b'"range_time":null' in empty
     time, levels_db = read_signature(panel.make_detail_payload(run, None, further))
     assert time["step"] == pytest.approx(1 / recording.radar.prf_hz)  # of the whole: 0.008 s
     assert time["first"] == pytest.approx(4.0, abs=2e-3)

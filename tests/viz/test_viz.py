@@ -460,7 +460,7 @@ def test_failed_save_leaves_the_old_file(tmp_path: Path) -> None:
     target = tmp_path / "a.png"
     target.mkdir()
     with pytest.raises(OutputError, match="cannot be written"):
-        viz.save_figure(Figure(), target)
+        viz.save_figure(Figure().subplots(), target)
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     with pytest.raises(OutputError, match="cannot be written"):
         viz.save_figure(Figure(), tmp_path / "nowhere" / "a.png")

@@ -250,6 +250,7 @@ class Dataset:
         """
         classes: Mapping[str, int] = self.description["classes"]
         counts = self.index["label"].value_counts()
+        counts = counts[counts > 0]  # a categorical column counts what is not there
         weights = len(self) / (len(counts) * counts)
         return {label: float(weights.get(label, 0.0)) for label in sorted(classes, key=classes.__getitem__)}
 

@@ -139,6 +139,19 @@ class _Words(ast.NodeTransformer):
         return node if words is None else ast.BoolOp(words(), [node.left, node.right])
 
 
+def _is_value(node: ast.expr) -> bool:
+    return isinstance(node.operand if isinstance(node, ast.UnaryOp) else node, ast.Constant)
+
+
+def _is_condition(node: ast.expr, index: pd.DataFrame) -> bool:
+    match node:
+        case ast.Name(id=name):
+            return name not in index.columns or pd.api.types.is_bool_dtype(index[name])
+        case ast.UnaryOp(op=sign) | ast.BinOp(op=sign):
+            return isinstance(sign, LOGIC)
+    return isinstance(node, ast.Compare | ast.BoolOp)
+
+
 def _check_query(tree: ast.expr, index: pd.DataFrame) -> None:
     """Refuse everything but columns, plain values and their operators, so that pandas runs no code."""
     for node in ast.walk(tree):
@@ -155,8 +168,16 @@ def _check_query(tree: ast.expr, index: pd.DataFrame) -> None:
                         raise DatasetError(f"{part.id!r} is no number")
                     if isinstance(part, ast.List | ast.Tuple) or isinstance(getattr(part, "value", 0), str):
                         raise DatasetError(f"{ast.unparse(part)[:60]!r} is no number")
-            case ast.List(elts=parts) | ast.Tuple(elts=parts) if all(isinstance(v, ast.Constant) for v in parts):
+            case ast.List(elts=parts) | ast.Tuple(elts=parts) if all(map(_is_value, parts)):
                 pass
+            case ast.BoolOp(values=parts) if not all(_is_condition(part, index) for part in parts):
+                raise DatasetError("and, or need a condition on both sides")
+            case ast.BinOp(left=left, op=ast.BitAnd() | ast.BitOr(), right=right) if not (
+                _is_condition(left, index) and _is_condition(right, index)
+            ):
+                raise DatasetError("&, | need a condition on both sides, in brackets")
+            case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=part) if not _is_condition(part, index):
+                raise DatasetError("not, ~ need a condition")
             case ast.Constant(value=bool() | int() | float() | str()):
                 pass
             case _ if not isinstance(node, (*EXPRESSIONS, *COMPARISONS, *ARITHMETIC, *LOGIC)):

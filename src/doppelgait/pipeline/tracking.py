@@ -41,7 +41,7 @@ from doppelgait.processing.track import Track, Tracker, split_tracks, track
 from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
 from doppelgait.radar import Radar
 
-OTHER_SIGN = "of a body whose range and Doppler contradict each other: give conjugate=true"
+OTHER_SIGN = "of a body whose range and Doppler contradict each other: conjugate the samples"
 NEAR_M = 1.0  # distance between a breath and a track below which both are of the same body
 LEAST_RANGE_M = 0.01
 LOST_SHARE = 0.02

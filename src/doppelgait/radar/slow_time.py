@@ -59,12 +59,10 @@ CLOCK_STEP_S = 1e-3
 """Usual step of a recorder's clock."""
 SHARE_S = 3.0
 """Time over which the largest share of filled pulses is stated."""
-UNIT_OFF = 0.2
-"""Largest relative difference of the rates in another unit of time."""
+UNIT_OFF = 0.2  # largest relative difference of the rates in another unit of time
 SPIKES, DRIFT = 0.02, 0.02
 """Largest share of single stamps that are wrong, and smallest change of a drifting rate from third to third."""
-GAIN = 25.0
-"""Smallest gain in squared error, in variances of the stamps, that divides a piece: 5 standard deviations."""
+GAIN = 25.0  # least gain in squared error, in variances of the stamps, that divides a piece
 FASTEST_S, SLOWEST_S = 1e-6, 0.25
 """Times from pulse to pulse of radars that show motion; beyond them, times are in another unit, or are steps."""
 EPOCH_S, LATEST_S = 1e8, 1e11
@@ -115,7 +113,9 @@ def place_pulses(
         stamps = stamps - stamps[0]
     row = np.arange(stamps.size)
     if burst_pulses is not None or (_is_even(stamps) and FASTEST_S < stamps[1] - stamps[0] <= SLOWEST_S):
-        return Placed(row, stamps, measure_rate_hz(stamps, burst_pulses), facts)
+        if not (rate_hz := measure_rate_hz(stamps, burst_pulses)) < 1.0 / FASTEST_S:
+            raise wrong
+        return Placed(row, stamps, rate_hz, facts)
     stamps, notes = _remove_spikes(stamps)
     if np.ptp(stamps) > LATEST_S:
         raise wrong
@@ -226,7 +226,7 @@ def measure_rate_hz(stamps_s: FloatArray, burst_pulses: int | None = None) -> fl
     if burst_pulses is None or burst_pulses < 2:
         return (stamps_s.size - 1) / float(np.ptp(stamps_s))
     inside = np.arange(1, stamps_s.size) % burst_pulses != 0
-    return 1.0 / float(np.median(np.diff(stamps_s)[inside]))
+    return 1.0 / max(float(np.median(np.diff(stamps_s)[inside])), 1e-300)
 
 
 def _is_even(stamps: FloatArray) -> bool:

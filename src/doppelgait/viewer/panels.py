@@ -129,6 +129,8 @@ def make_detail_payload(
     if clean.slow_time.burst_pulses is None:  # a burst is a column, and cannot be divided
         margin_s = analysis.cpi_s / 2.0
         part = clean.take_pulses(clean.slow_time.find_pulses(start_s - margin_s, stop_s + margin_s))
+        if not part.n_pulses or stop_s <= start_s:  # of two recordings one is shorter
+            return payload.pack(facts, arrays)
         with suppress(AnalysisError):  # shorter than a processing interval, or without the target
             hop = min(max(part.n_pulses // payload.MOST[0], 1), plan_for(part.slow_time, analysis).hop)
             fine = analysis.model_copy(update={"hop": hop})

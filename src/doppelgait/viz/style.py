@@ -307,6 +307,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None, s
     if form not in FIGURE_FORMATS:
         raise AnalysisError(f"{target}: end the name of a figure in .png, .svg or .pdf")
     check_choice(style, ("screen", "paper"), "style")
+    figure = figure.figure  # that of axes, as ``plot`` returns
     copy = fit_to_paper(figure) if style == "paper" else _copy(figure)
     if form != "png":  # maps keep the resolution of their data
         for picture in copy.findobj(AxesImage):

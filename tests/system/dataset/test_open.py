@@ -202,6 +202,7 @@ def test_select(dataset):
         ("select", "truth_aspct_deg < 30", "no column 'truth_aspct_deg'; near in spelling: truth_aspect_deg"),
         ("select", "label ==", "is no query"),
         ("select", "truth_range_m + 1", "is no condition"),
+        ("select", "label == 'dog' and truth_range_m", "and, or need a condition on both sides"),
         ("__getitem__", "validation", "no split 'validation'; there are test, train"),
         ("__getitem__", "humn-000001", "neither .* here; the splits are train, test; near in spelling: human-000001"),
         ("__getitem__", 999, r"no example 999, only 0 to \d+$"),

@@ -362,8 +362,9 @@ def read_a111(
             session = parse_json(_read_text(file["session_info"]))
             config = parse_json(_read_text(file["sensor_config_dump"])) if "sensor_config_dump" in file else {}
             shape, n_dims = file["data"].shape, 3 if mode == "iq" else 4
-            if len(shape) != n_dims or min(shape) < 1 or math.prod(shape) > MAX_VALUES:
-                raise ValueError(f"data of the service {mode} have the shape {shape}")
+            kind = file["data"].dtype.kind
+            if kind not in "iufc" or len(shape) != n_dims or not 1 <= min(shape) <= math.prod(shape) <= MAX_VALUES:
+                raise ValueError(f"data of the service {mode} have the shape {shape}, or are no numbers")
             number = choose_number(path, "sensor", sensor, shape[1])
             check_cost(path, 16 * math.prod(shape), RecordingError)
             data = file["data"][:, number]

@@ -10,7 +10,7 @@ const TITLE = "Mark a span of time in a picture with a time axis: two clicks, or
 
 /** `node` is the list of the annotations and `button` marks another; `open(file)` takes those of a recording. */
 export function makeAnnotations(page, changed) {
-  const tool = makeTool(page, "annotate", TITLE, { paint, taken, fits: (chart) => chart.view?.x.unit === "s", changed });
+  const tool = makeTool(page, "annotate", TITLE, { paint, taken, fits, changed });
   const rows = element("tbody");
   const save = (id, write) => element("button", { type: "button", id: `annotations-${id}`, onclick: write }, `save ${id.toUpperCase()}`);
   const buttons = [
@@ -31,13 +31,19 @@ export function makeAnnotations(page, changed) {
   page.tools.push(drawn); // what has been marked is seen whether or not the tool is on
   return { node, button: tool.button, toggle: tool.toggle, open };
 
+  /** A second recording has times of its own. */
+  function fits(chart) {
+    return chart.view?.x.unit === "s" && !chart.canvas.closest('[id^="other-"]');
+  }
+
   function open(name) {
     file = name;
     try {
-      list = JSON.parse(localStorage.getItem(key())) ?? [];
+      list = JSON.parse(localStorage.getItem(key()));
     } catch {
-      list = []; // a browser that keeps nothing, or what another program has written there
+      list = []; // a browser that keeps nothing
     }
+    if (!Array.isArray(list)) list = []; // nothing yet, or what another program has written there
     show();
   }
 
@@ -90,7 +96,7 @@ export function makeAnnotations(page, changed) {
   }
 
   function drawSpan(context, chart, { start_s: start, stop_s: stop, label }) {
-    if (chart.view.x.unit !== "s") return;
+    if (!fits(chart)) return;
     const { top, bottom } = chart.box;
     const [from, to] = [start, stop].map(chart.x);
     context.fillStyle = COLOUR;

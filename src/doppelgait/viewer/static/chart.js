@@ -20,7 +20,7 @@ export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, r
   let [moving, pressed] = [null, null]; // where the mouse went down to scroll, or to measure
   const chart = { box: null, x: null, y: null, view: null, redraw, redrawOverlay, destroy };
   const layers = makeLayers(panel.body, id, { label, draw: drawBase, drawOverlay });
-  const canvas = layers.overlay;
+  const canvas = (chart.canvas = layers.overlay);
   canvas.addEventListener("pointermove", onMove);
   canvas.addEventListener("pointerleave", onLeave);
   canvas.addEventListener("pointerdown", onDown);

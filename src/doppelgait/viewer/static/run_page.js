@@ -66,6 +66,7 @@ export function showRun(container, reference, session) {
   let bands = []; // occupied part of the Doppler axis, by target
   let restored = false; // whether the time has been taken from the address
   let job = 0; // number of the newest load; answers to older ones are dropped
+  let decisions = 0; // of the newest load, which other parameters of the analysis do not end
   let waiting = 0; // loads on their way
   const endings = [
     clock.subscribe(tick), state.subscribe(changed), listenToKeys(clock, moveTarget, actions()), controls.destroy, clock.destroy,
@@ -91,7 +92,7 @@ export function showRun(container, reference, session) {
     // the first pictures have the processor for themselves
     await busy(loadRecording(mine).then(() => mine === job && Promise.all([loadTargets(mine), compare?.load(named())])));
     if (mine !== job) return;
-    if (decides) decide(mine);
+    if (decides) decide(++decisions);
     if (recorded?.duration_s === null) withoutRecording();
     sound?.refuse(silence());
     sound?.renew();
@@ -190,10 +191,10 @@ export function showRun(container, reference, session) {
     while (!decided?.complete) {
       try {
         const answer = await getJson("api/decisions", { gate: state.get("gate"), from: decided?.marks.length ?? 0 });
-        if (mine !== job) return;
+        if (mine !== decisions) return;
         decided = { ...answer, marks: [...(decided?.marks ?? []), ...answer.marks] };
       } catch (error) {
-        if (!isAborted(error) && mine === job) showError(error);
+        if (!isAborted(error) && mine === decisions) showError(error);
         return;
       }
       panels.evidence.redraw();
@@ -356,6 +357,7 @@ export function showRun(container, reference, session) {
 
   function destroy() {
     job += 1;
+    decisions += 1;
     status.end();
     sound?.destroy();
     detail.destroy();
