@@ -60,6 +60,24 @@ def test_a_simulated_and_a_recorded_recording_take_the_same_path(preset, tmp_pat
     assert rows[0].signature.attrs["cpi_pulses"] == made.radar.burst_pulses
 
 
+@pytest.mark.parametrize("preset", ["infineon-60-burst", "ti-60-burst"])
+def test_targets_are_tracked_in_bursts_as_without_pauses(preset):
+    gaits = dg.motion.human_gait(speed_mps=1.2, duration_s=6.0), dg.motion.boulic_walk(speed_mps=0.9, duration_s=6.0)
+    targets = [dg.Target(gaits[0], range_m=4.0), dg.Target(gaits[1], range_m=3.0, aspect_deg=180.0)]
+    scene, radar = dg.Scene(targets=targets, duration_s=5.0), Radar.preset(preset)
+    even = radar.model_copy(update={"burst_pulses": None, "burst_period_s": None})
+    recording, whole = (dg.simulate(scene, one, rng=dg.rng(5), snr_db=15) for one in (radar, even))
+    found, wanted = ({np.sign(one.torso_doppler_hz): one for one in dg.analyze(each)} for each in (recording, whole))
+    assert set(found) == set(wanted) == {-1.0, 1.0}
+    for side, one in found.items():
+        truth = recording.truth[0 if side > 0 else 1]
+        assert one.signature.attrs["cpi_pulses"] == radar.burst_pulses
+        error_m = one.gate.centre_m - np.interp(one.gate.time_s, recording.slow_time_s, truth.centre_range_m)
+        assert np.median(np.abs(error_m)) < 0.2
+        velocity_mps = wanted[side].features.torso_velocity_mps
+        assert one.features.torso_velocity_mps == pytest.approx(velocity_mps, abs=0.1)
+
+
 def test_frames_in_bursts_are_streamed_with_their_times(tmp_path):
     made = simulate(Radar.preset("infineon-24-burst"))
     plain = made.radar.model_copy(update={"burst_pulses": None, "burst_period_s": None})

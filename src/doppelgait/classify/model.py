@@ -64,6 +64,9 @@ BLOCKING = (
     "*:columns_do_not_overlap",
 )
 """Flags that prevent a decision, * for anything: no target, no gait or direction, an echo, no body, too few columns."""
+OF_RADAR = ("no_direction", "*:columns_do_not_overlap")
+"""Flags that a radar causes, in bursts or with one output; no reason where nearly all training rows had them."""
+USUAL = 0.9  # share of the training rows from which a flag of the radar is usual
 ECHOES = ("not_tracked", "no_signal", SHARED, "reflection_of:*", "folded_echo_of:*")
 """Flags that prevent a decision of a model of tracks, which has learned from windows with all the others."""
 OUTSIDE = 0.25  # a feature may lie outside the training range by this share of its span
@@ -239,6 +242,7 @@ class Facts(FrozenModel):
     alarm_people: int | None = Field(default=None, ge=0)
     alarm_missed: float | None = Field(default=None, ge=0, le=1)
     blocking: tuple[str, ...] = BLOCKING
+    usual: tuple[str, ...] = ()  # flags of the radar in nearly all training rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +314,8 @@ class Model:
     @property
     def blocking(self) -> tuple[str, ...]:
         """Patterns of the flags that prevent a decision."""
-        return self.facts.blocking if self.learned.kind == "track" else (*self.facts.blocking, *BLOCKING)
+        patterns = self.facts.blocking if self.learned.kind == "track" else (*self.facts.blocking, *BLOCKING)
+        return tuple(pattern for pattern in patterns if pattern not in self.facts.usual)
 
     def mark_outside(self, values: Inputs) -> npt.NDArray[np.bool_]:
         """Mark features outside the training range, shape (n, d)."""

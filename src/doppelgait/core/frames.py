@@ -53,6 +53,19 @@ class SlowTime:
         """Mean pulse rate, pauses between bursts included."""
         return sampling_rate_hz(self.time_s)
 
+    @cached_property
+    def pulse_rate_hz(self) -> float:
+        """Pulse rate within bursts, which sets the unambiguous velocity."""
+        if self.burst_pulses is None:
+            return self.rate_hz
+        bursts_s = self.split_bursts()
+        return float((self.burst_pulses - 1) / (bursts_s[:, -1] - bursts_s[:, 0]).mean())
+
+    def split_bursts(self) -> FloatArray:
+        """Return the times of whole bursts, (burst, pulse)."""
+        pulses = self.burst_pulses or 1
+        return self.time_s[: self.size // pulses * pulses].reshape(-1, pulses)
+
     def find_bursts(self) -> SlowTime:
         """Count the pulses of a burst from the pauses, where no file or radar states them."""
         return self if self.burst_pulses is not None else replace(self, burst_pulses=find_burst_pulses(self.time_s))
@@ -75,9 +88,10 @@ class SlowTime:
         return replace(self, time_s=self.time_s[pulses])
 
     def find_pulses(self, start_s: float, stop_s: float) -> slice:
-        """Return the pulses from ``start_s`` to ``stop_s``, both included."""
+        """Return the pulses from ``start_s`` to ``stop_s``, both included; bursts are kept whole."""
         first, stop = np.searchsorted(self.time_s, [start_s - SLACK_S, stop_s + SLACK_S])
-        return slice(int(first), int(stop))
+        pulses = self.burst_pulses or 1
+        return slice(int(first) // pulses * pulses, min(-(-int(stop) // pulses) * pulses, self.size))
 
 
 def find_burst_pulses(time_s: FloatArray) -> int | None:

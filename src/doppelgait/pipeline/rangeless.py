@@ -207,10 +207,7 @@ def _find_rests(times_s: FloatArray, velocity_mps: FloatArray, settings: Segment
 
 def _make_whole_gate(clean: Frames, start_s: float, stop_s: float) -> Gate:
     """Make a gate over one bin, keeping bursts whole."""
-    times_s, range_m = clean.slow_time.time_s, float(clean.range_m[0])
-    pulses = clean.slow_time.burst_pulses or 1
-    edges = np.arange(0, times_s.size + 1, pulses)
-    first = max(int(np.searchsorted(times_s[edges[:-1]], start_s, side="right")) - 1, 0)
-    last = min(int(np.searchsorted(times_s[edges[1:] - 1], stop_s)), edges.size - 2)
-    inside = times_s[edges[first] : edges[last + 1]]
+    bursts_s, range_m = clean.slow_time.split_bursts(), float(clean.range_m[0])
+    first = max(int(np.searchsorted(bursts_s[:, 0], start_s, side="right")) - 1, 0)
+    inside = bursts_s[first : int(np.searchsorted(bursts_s[:, -1], stop_s)) + 1].ravel()
     return Gate.fixed(range_m - 0.5, range_m + 0.5, time_s=inside, source="track")

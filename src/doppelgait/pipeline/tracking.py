@@ -85,25 +85,24 @@ def track_targets(frames: Frames, radar: Radar, source: str, analysis: Analysis,
     frames = rangeless.correct_receiver(frames, tracking.detector, wavelength_m=wavelength_m)
     if frames.n_bins == 1:
         return _analyze_without_range(frames, wavelength_m, analysis, tracking)
+    frames = frames.find_bursts()
     raw = remove_common_phase(frames)
-    clean = clean_frames(raw, analysis)
-    prf_hz = raw.slow_time.rate_hz
+    in_bursts, prf_hz = raw.slow_time.burst_pulses is not None, raw.slow_time.pulse_rate_hz
+    clean = remove_from_frames(raw, kind="mean") if in_bursts else clean_frames(raw, analysis)
     scans, tracks = None, list[Track]()
-    if prf_hz * tracking.detector.cpi_s < MIN_CPI_PULSES:
+    if not in_bursts and prf_hz * tracking.detector.cpi_s < MIN_CPI_PULSES:
         warn_caller(
             f"frame rate {prf_hz:g} Hz: radial speeds are unambiguous to {wavelength_m * prf_hz / 4:.2g} m/s only and "
             f"{tracking.detector.cpi_s:g} s have fewer than {MIN_CPI_PULSES} frames; only people who keep still are "
             "detected, and no moving bodies"
         )
     else:
-        raw, clean = raw.find_bursts(), clean.find_bursts()
         scans = detect_bodies(raw, tracking.detector, wavelength_m=wavelength_m, in_phase=True)
         tracks = track(scans, tracking.tracker, velocity_span_mps=wavelength_m * prf_hz / 2)
         tracks = split_tracks(tracks, clean, wavelength_m=wavelength_m, cpi_s=tracking.detector.cpi_s)
         # who passes close to the radar is smoothed through 0
         tracks = [replace(one, range_m=np.maximum(one.range_m, LEAST_RANGE_M)) for one in tracks]
-    breath_needs = explain_no_breathing(raw.slow_time)
-    persons = [] if breath_needs else find_breathing(frames, wavelength_m=wavelength_m, settings=tracking.breathing)
+    persons, breath_needs = _find_persons(frames, wavelength_m, tracking)
     if not tracks and not persons:
         nothing_moves = _explain_missing_track(raw, scans, wavelength_m, tracking)
         return TargetList(reason=f"{nothing_moves}; {breath_needs or 'no range bin shows steady breathing for 12 s'}")
@@ -148,9 +147,7 @@ def _analyze_without_range(frames: Frames, wavelength_m: float, analysis: Analys
     if times:
         found = rangeless.analyze_motion(clean, motion, times, analysis, tracking.pieces, wavelength_m=wavelength_m)
         return TargetList([found])
-    slow = average_bursts(frames)
-    needs = explain_no_breathing(slow.slow_time)
-    persons = [] if needs else find_breathing(slow, wavelength_m=wavelength_m, settings=tracking.breathing)
+    persons, needs = _find_persons(frames, wavelength_m, tracking)
     if persons:
         return TargetList([_analyze_breathing(clean, wavelength_m, persons[0], analysis)])
     moves = int(motion.moves(tracking.detector).sum())
@@ -161,12 +158,19 @@ def _analyze_without_range(frames: Frames, wavelength_m: float, analysis: Analys
     )
 
 
+def _find_persons(frames: Frames, wavelength_m: float, tracking: Tracking) -> tuple[list[BreathingTarget], str]:
+    """Find people who breathe, or return why they cannot be found."""
+    slow = average_bursts(frames)
+    needs = explain_no_breathing(slow.slow_time)
+    return [] if needs else find_breathing(slow, wavelength_m=wavelength_m, settings=tracking.breathing), needs
+
+
 def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength_m: float, tracking: Tracking) -> str:
     if scans is None:
         return f"moving bodies cannot be detected at {raw.slow_time.rate_hz:.3g} frames/s"
     detector, tracker = tracking.detector, tracking.tracker
     seen = f"{sum(bool(scan.detections) for scan in scans)} of {len(scans)} scans have detections"
-    span_mps = wavelength_m * raw.slow_time.rate_hz / 2
+    span_mps = wavelength_m * raw.slow_time.pulse_rate_hz / 2
     still = tracker.model_copy(update={"still_travel_m": 0.0})
     if track([_mirror(scan) for scan in scans], tracker, velocity_span_mps=span_mps):
         return f"{seen} {OTHER_SIGN}"
@@ -267,7 +271,7 @@ def _analyze_track(seen: _Seen, found: Track, gate: Gate, others: Sequence[Gate]
     range_sd_m = float(np.quantile(found.range_sd_m, TRACK_SD_QUANTILE))
     segments = find_track_segments(found.times_s, found.range_m, range_sd_m=range_sd_m, settings=tracking.pieces)
     usable = [segment for segment in segments if segment.usable]
-    cleaned = analysis.clutter not in ("none", "auto")
+    cleaned = analysis.clutter not in ("none", "auto") and clean.slow_time.burst_pulses is None
     measured = measure_removed(raw, clean, gate, total=total) if cleaned else None
     analyze_segment = partial(_analyze_segment, seen, found, measured, others)
     results = [analyze_segment(gate.during(segment.start_s, segment.stop_s)) for segment in usable]

@@ -51,9 +51,8 @@ def average_bursts(frames: Frames) -> Frames:
     pulses = frames.slow_time.burst_pulses
     if pulses is None:
         return frames
-    count = frames.n_pulses // pulses
-    values = frames.matrix[: count * pulses].reshape(count, pulses, -1).mean(axis=1)
-    times_s = frames.slow_time.time_s[: count * pulses].reshape(count, pulses).mean(axis=1)
+    times_s = frames.slow_time.split_bursts().mean(axis=1)
+    values = frames.matrix[: times_s.size * pulses].reshape(times_s.size, pulses, -1).mean(axis=1)
     facts = {name: value for name, value in frames.facts.items() if name != "burst_pulses"}
     return replace(frames, samples=Samples(values), slow_time=SlowTime(times_s), facts=facts)
 
@@ -76,7 +75,7 @@ def split_bursts(slow_time: SlowTime, analysis: Analysis) -> tuple[Transform, fl
     count = slow_time.size // pulses
     if not count:
         raise AnalysisError(f"the recording has {slow_time.size} pulses, less than one burst of {pulses}")
-    times = slow_time.time_s[: count * pulses].reshape(count, pulses)
+    times = slow_time.split_bursts()
     lengths_s = times[:, -1] - times[:, 0]
     if not (np.diff(times, axis=1) > 0).all() or np.ptp(lengths_s) > 0.5 * lengths_s.mean() / (pulses - 1):
         raise AnalysisError(
@@ -85,7 +84,7 @@ def split_bursts(slow_time: SlowTime, analysis: Analysis) -> tuple[Transform, fl
         )
     middle_s = times.mean(axis=1)
     periods_s = np.diff(middle_s)
-    prf_hz = float((pulses - 1) / lengths_s.mean())
+    prf_hz = slow_time.pulse_rate_hz
     period_s = float(np.median(periods_s)) if count > 1 else pulses / prf_hz
     uneven = int((np.abs(periods_s - period_s) > UNEVEN * period_s).sum())
     if uneven:

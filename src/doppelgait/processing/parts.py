@@ -69,7 +69,7 @@ class PartMask:
 
     def power_v2(self, frames: Frames, analysis: Analysis, *, wavelength_m: float) -> Signal:
         """Compute the power of every part, noise floor subtracted."""
-        transform, times_s, doppler_hz = plan_columns(frames.slow_time, analysis)
+        transform, times_s, doppler_hz, *_ = plan_columns(frames.slow_time, analysis)
         velocity_mps = np.asarray(doppler_to_velocity_mps(doppler_hz, wavelength_m))
         powers_v2 = []
         for cells, bins, at in _iterate_cells(frames, transform, self.columns, self.low, self.high, self.floor_v2):
@@ -108,7 +108,7 @@ def locate_parts(frames: Frames, signature: Signal, gate: Gate, analysis: Analys
     if speed_mps < LEAST_SPEED_CELLS * cell_mps:
         return None, f"torso_slower_than_{LEAST_SPEED_CELLS:g}_doppler_cells"
     width_mps = SWAY_SHARE * speed_mps + SWAY_CELLS * cell_mps
-    transform, centres_s, doppler_hz = plan_columns(frames.slow_time, analysis)
+    transform, centres_s, doppler_hz, *_ = plan_columns(frames.slow_time, analysis)
     times_s, range_m = signature.axis("time"), frames.range_m
     columns = int(np.abs(centres_s - times_s[0]).argmin()) + np.arange(times_s.size)
     low, high = gate.edges(range_m, times_s, sharp=analysis.sharp_edges)

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,11 +32,24 @@ def plan_for(slow_time: SlowTime, analysis: Analysis) -> Transform:
     return plan_transform(analysis, n_pulses=slow_time.size, prf_hz=slow_time.rate_hz)
 
 
-def plan_columns(slow_time: SlowTime, analysis: Analysis) -> tuple[Transform, FloatArray, FloatArray]:
-    """Plan a recording's transform; also return the times and the Doppler axis of its columns."""
-    transform, prf_hz = plan_for(slow_time, analysis), slow_time.rate_hz
-    times_s = slow_time.start_s + transform.compute_centre_pulses() / prf_hz
-    return transform, times_s, doppler_axis_hz(transform.n_doppler_bins, prf_hz)
+class Columns(NamedTuple):
+    """Transform of a recording, times and Doppler axis of its columns, and their distance in pulses."""
+
+    transform: Transform
+    time_s: FloatArray
+    doppler_hz: FloatArray
+    prf_hz: float
+    hop: int
+
+
+def plan_columns(slow_time: SlowTime, analysis: Analysis) -> Columns:
+    """Plan the columns of a recording; in bursts, every burst is one."""
+    if slow_time.burst_pulses is not None:
+        transform, prf_hz, times_s, hop = split_bursts(slow_time, analysis)
+    else:
+        transform, prf_hz = plan_for(slow_time, analysis), slow_time.rate_hz
+        times_s, hop = slow_time.start_s + transform.compute_centre_pulses() / prf_hz, transform.hop
+    return Columns(transform, times_s, doppler_axis_hz(transform.n_doppler_bins, prf_hz), prf_hz, hop)
 
 
 def range_doppler(
@@ -78,7 +92,7 @@ def range_doppler(
     1.9
     """
     frames = Frames.of(baseband)
-    transform, times_s, doppler_hz = plan_columns(frames.slow_time, analysis)
+    transform, times_s, doppler_hz, *_ = plan_columns(frames.slow_time, analysis)
     wanted = np.arange(transform.n_columns) if columns is None else np.asarray(columns)
     if wanted.size and not 0 <= wanted.min() <= wanted.max() < transform.n_columns:
         raise AnalysisError(
@@ -409,11 +423,7 @@ def make_gated_transform(
     bin_share: float = 1.0,
 ) -> GatedTransform:
     """Prepare a recording's gate and transform."""
-    if slow_time.burst_pulses is not None:
-        transform, prf_hz, time_s, hop = split_bursts(slow_time, analysis)
-    else:
-        (transform, time_s, _), prf_hz = plan_columns(slow_time, analysis), slow_time.rate_hz
-        hop = transform.hop
+    transform, time_s, _, prf_hz, hop = plan_columns(slow_time, analysis)
     low, high = gate.edges(range_m, time_s, sharp=analysis.sharp_edges)
     return GatedTransform(gate, transform, prf_hz, slow_time.size, range_m, time_s, low, high, hop, bin_share)
 

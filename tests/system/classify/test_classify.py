@@ -592,6 +592,17 @@ def test_too_short_unknown_and_too_few_columns_are_no_decision(found):
         assert decide(a_target(feature_step_length_m=2.2, quality_flags=flag), each, 0).reason == f"flag {flag}"
 
 
+@pytest.mark.parametrize("usual", [False, True])
+def test_a_flag_that_the_radar_causes_is_no_reason_where_the_training_rows_had_it(usual, tmp_path):
+    flag = "gait_frequency:columns_do_not_overlap"
+    rows = made_up(quality_flags=np.where(np.arange(240) % 20 < (19 if usual else 10), f"{flag};other", ""))
+    model = evaluate(rows, models=["six-logistic"]).models["six-logistic"]
+    model = load_model(save_model(model, tmp_path / "m.npz"))
+    sure = decide(a_target(feature_step_length_m=2.2, quality_flags=flag), model, 0)
+    assert (sure.abstained, sure.reason) == ((False, "") if usual else (True, f"flag {flag}"))
+    assert decide(a_target(feature_step_length_m=2.2, quality_flags="no_signal"), model, 0).reason == "flag no_signal"
+
+
 def test_a_test_on_another_radar_is_said_and_not_decided():
     other = made_up(seed=7, identity="b", carrier_hz=24.1e9)
     document = evaluate(made_up(), other=other, models=["six-logistic"]).document

@@ -103,10 +103,10 @@ def compute_maps(frames: Frames, settings: Detector, *, wavelength_m: float) -> 
     """Compute maps in blocks of about a minute. Each block has its own noise map."""
     hop = max(1, round(settings.hop_s * frames.slow_time.rate_hz))
     analysis = Analysis(cpi_s=settings.cpi_s, hop=hop, window_steepness=settings.window_steepness)
-    transform, times_s, doppler_hz = plan_columns(frames.slow_time, analysis)
+    transform, times_s, doppler_hz, prf_hz, apart = plan_columns(frames.slow_time, analysis)
     window = transform.window / np.sqrt((transform.window**2).sum())  # so that the mean of white noise is its variance
-    n_blocks = math.ceil(transform.n_columns / BLOCK_SCANS)
-    for scans in np.array_split(np.arange(transform.n_columns), n_blocks):
+    columns = np.arange(0, transform.n_columns, max(1, round(settings.hop_s * prf_hz / apart)))  # not every burst
+    for scans in np.array_split(columns, math.ceil(columns.size / BLOCK_SCANS)):
         power = compute_cell_power(frames, transform, window, scans)
         yield Maps(
             time_s=times_s[scans],

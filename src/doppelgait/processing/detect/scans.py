@@ -47,7 +47,7 @@ def find_scans(
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
-        At a constant frame rate.
+        At a constant frame rate, or in bursts, each of which is a scan.
     settings : Detector, optional
     wavelength_m : float
     in_phase : bool
@@ -63,7 +63,7 @@ def find_scans(
     Raises
     ------
     AnalysisError
-        If the recording is in bursts, too short or too slow for a processing interval, or its range
+        If the recording or a burst is too short or too slow for a processing interval, or the range
         frame too short for the CFAR window.
 
     Examples
@@ -80,11 +80,6 @@ def find_scans(
 
 def detect_bodies(frames: Frames, chosen: Detector, *, wavelength_m: float, in_phase: bool = False) -> list[Scan]:
     """Find bodies in every interval of frames."""
-    if frames.slow_time.burst_pulses is not None:
-        raise AnalysisError(
-            "detection in a recording with bursts is not supported: a processing interval must not cross a pause; set "
-            "the range of the target with --gate 1.2:2.8 (gate=(1.2, 2.8))"
-        )
     steady = frames if in_phase or chosen.clutter == "none" else remove_common_phase(frames)
     moving = remove_from_frames(steady, kind=chosen.clutter)
     scans: list[Scan] = []

@@ -39,14 +39,17 @@ SAME_M, SAME_S = 0.4, 0.5
 
 def sum_torso_profiles(clean: Frames, found: Track, *, wavelength_m: float, cpi_s: float) -> FloatArray:
     """Compute the moving power along range around a track. Shapes: returns (T, D)."""
-    times_s, range_m = clean.slow_time.time_s, clean.range_m
-    prf_hz = clean.slow_time.rate_hz
-    size = min(max(1, round(cpi_s * prf_hz)), times_s.size)
+    slow_time, range_m = clean.slow_time, clean.range_m
+    times_s, prf_hz, burst = slow_time.time_s, slow_time.pulse_rate_hz, slow_time.burst_pulses
+    size = burst or min(max(1, round(cpi_s * prf_hz)), times_s.size)
     window = gaussian_window(size, WINDOW_STEEPNESS)
     slow_s = np.arange(size) / prf_hz
     profiles = np.zeros((found.times_s.size, OFFSETS_M.size))
     pulses = np.round((found.times_s - times_s[0]) * prf_hz - size / 2).astype(np.int64)
     pulses = np.clip(pulses, 0, times_s.size - size)
+    if burst is not None:  # a track has its times in the middle of bursts
+        number = np.searchsorted(slow_time.split_bursts()[:, -1], found.times_s)
+        pulses = burst * np.minimum(number, times_s.size // burst - 1)
     for number, (first, centre_m, velocity_mps) in enumerate(
         zip(pulses, found.range_m, found.velocity_mps, strict=True)
     ):
