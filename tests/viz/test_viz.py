@@ -444,6 +444,7 @@ def test_overview_shows_doubts_next_to_the_values() -> None:
     assert [words for axes in figure.axes for words in labels_of(axes)].count("1: gait frequency, 2.00 Hz ?") == 2
     assert said.count("? low confidence") == said.count("low confidence") == 1
     assert "?" not in "\n".join(texts(axes) for axes in make_overview().axes)
+    assert "+" not in "\n".join(texts(axes) for axes in make_overview(flags=("no_direction",)).axes)
 
 
 def test_threads_draw_the_same_bytes(tmp_path: Path) -> None:

@@ -204,6 +204,7 @@ def _plot_features(
     for row, (name, value) in enumerate(values.items()):
         height = 1.0 - (row + 0.6) * step
         words = format_value(name, value) + " ?" * (name in doubtful and value is not None)
+        words = words.removeprefix("+") if "no_direction" in flags else words
         axes.text(0.0, height, style.describe_quantity(name)[0], va="center")
         axes.text(1.0, height, words, va="center", ha="right")
         axes.plot([0.0, 1.0], [height - step / 2] * 2, color=style.GRID, lw=0.8)
