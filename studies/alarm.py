@@ -34,7 +34,7 @@ from doppelgait.dataset import Dataset, build_dataset, open_dataset
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
 
-SEEDS = range(4712, 4720)  # of more days of the animals of `life`
+SEEDS = range(4712, 4721)  # of more days of the animals of `life`
 REPEATS = {"x4": 12, "fmcw-24": 4, "fmcw-60": 3}
 """Recordings of a kind: fewer for other radars than that of the benchmark."""
 
