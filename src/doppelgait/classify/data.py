@@ -32,6 +32,7 @@ ENVELOPE = "extended_doppler_bandwidth_envelope_hz"
 ENVELOPE_WIDTH = "extended_doppler_bandwidth_envelope_mps"
 
 ALARM_CLASS = "human"  # class of the alarm by default
+SUM_TOLERANCE = 0.01  # of probabilities, which a table may have rounded
 SHARED = "gates_overlap"  # flag of a gate with another body
 
 
@@ -156,6 +157,82 @@ def collect_inputs(
     if features == "speed":
         values = {SPEED: values[SPEED]}
     return Table(np.column_stack(list(values.values())), tuple(values))
+
+
+def collect_answers(given: Any, rows: Rows, tested: IntArray) -> FloatArray:
+    """Return a user's probabilities of all rows (n, n_classes), NaN where there are none; check the tested rows."""
+    dataset, number, name = rows.datasets[-1], len(rows.datasets) - 1, "answers"
+    own, held = rows.index[rows.origin == number], (rows.index["split"] == "validation") & (rows.origin == number)
+    if callable(given):
+        asked = np.union1d(tested, np.flatnonzero(held))
+        given = given(replace(dataset, index=dataset.index.iloc[rows.place[asked]].reset_index(drop=True)))
+        own = own if isinstance(given, pd.DataFrame) else rows.index.iloc[asked]
+    elif isinstance(given, str | Path):
+        name, given = str(given), _read_table(Path(given))
+    if not isinstance(given, pd.DataFrame):
+        values = np.atleast_1d(np.asarray(given))
+        given = _name_answers(values, rows, own if len(values) == len(own) else rows.index.iloc[tested])
+    if "id" not in given:
+        raise DatasetError(f"{name}: has no column id, which names the rows of {dataset.directory}")
+    named = [str(column) for column in given.columns if column in rows.classes]
+    strange = [str(column) for column in given.columns if column not in (*named, *rows.index.columns)]
+    if strange or not named or len(named) < len(rows.classes) - (len(rows.classes) == 2):
+        raise DatasetError(
+            f"{name}: has the classes {', '.join([*named, *strange]) or 'none'}; it needs one column of probabilities "
+            f"for each of {', '.join(rows.classes)} (of two classes one is enough)"
+        )
+    ids = given["id"].astype(str)
+    if (twice := ids[ids.duplicated()]).size:
+        raise DatasetError(f"{name}: has {twice.iloc[0]!r} twice; it must have one line per row of {dataset.directory}")
+    places = pd.Series(own.index, own["id"].astype(str)).reindex(ids)
+    if (unknown := places.index[places.isna()]).size:
+        raise DatasetError(
+            f"{name}: {unknown[0]!r} is no row of {dataset.directory}, nor are {len(unknown) - 1} others"
+        )
+    places = places.astype(np.int64).to_numpy()
+    if (missing := np.setdiff1d(tested, places)).size:
+        splits = rows.index["split"].iloc[places].astype(str).value_counts()
+        hint = "" if "train" not in splits else "; rows of train are not scored, for a model has learned from them"
+        raise DatasetError(
+            f"{name}: {missing.size} of {tested.size} tested rows have no line, the first is "
+            f"{rows.index['id'].iloc[missing[0]]!r}; there are lines for "
+            f"{', '.join(f'{count} rows of {split}' for split, count in splits.items()) or 'no row'}{hint}"
+        )
+    values = np.column_stack([read_numbers(given[column]) for column in named])
+    if len(named) < len(rows.classes):
+        values = np.column_stack([values, 1.0 - values])
+        named += [column for column in rows.classes if column not in named]
+    wrong = ~((values >= 0.0) & (values <= 1.0)).all(axis=1) | (np.abs(values.sum(axis=1) - 1.0) > SUM_TOLERANCE)
+    if wrong.any():
+        first = int(wrong.argmax())
+        told = ", ".join(f"{column} {value:.4g}" for column, value in zip(named, values[first], strict=True))
+        raise DatasetError(
+            f"{name}: {ids.iloc[first]!r} has {told}; probabilities must be numbers from 0 to 1 with the sum 1, as of a "
+            f"softmax ({int(wrong.sum())} of {len(values)} lines are wrong)"
+        )
+    found = np.full((len(rows), len(rows.classes)), np.nan)
+    found[places] = (values / values.sum(axis=1, keepdims=True))[:, [named.index(label) for label in rows.classes]]
+    return found
+
+
+def _read_table(path: Path) -> pd.DataFrame:
+    try:
+        return pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, dtype={"id": str})
+    except (OSError, ValueError, ImportError) as error:
+        raise DatasetError(f"{path}: is no readable table (CSV or Parquet): {error}") from None
+
+
+def _name_answers(values: npt.NDArray[Any], rows: Rows, answered: pd.DataFrame) -> pd.DataFrame:
+    # an array has the classes in the order of their numbers, or is the probability of the alarm's class
+    columns = [rows.alarm] if values.ndim == 1 else list(rows.classes)
+    if values.shape not in ((len(answered),), (len(answered), len(columns))):
+        shape = f"({len(answered)}, {len(rows.classes)})"
+        raise DatasetError(
+            f"answers: an array of shape {values.shape} is not allowed; must be {shape}: the tested rows in their "
+            f"order, and {', '.join(rows.classes)}"
+        )
+    table = pd.DataFrame(values.reshape(len(answered), -1), columns=columns)
+    return table.assign(id=answered["id"].to_numpy())
 
 
 def list_windows(rows: Rows) -> list[Seen]:

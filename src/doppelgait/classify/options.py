@@ -17,7 +17,9 @@ from doppelgait.core.errors import ConfigError
 
 FLAGS = {"other": "--test", "n_folds": "--cv", "left_out": "--leave-out", "own": "--adapt", "directory": "--output -o"}
 """Options that have another name on the command line."""
-KINDS = {"analysis": "Analysis, optional", "tracking": "Tracking, optional", "gate": "as for analyze"}
+KINDS = {"analysis": "Analysis, optional", "tracking": "Tracking, optional", "gate": "as for analyze"} | {
+    "answers": "path, DataFrame, ndarray or function, optional"
+}
 """Kinds of options that need a library; the others of any kind are datasets or their folders."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -76,6 +78,12 @@ class Options(CheckedOptions):
         Any,
         "A dataset with further classes, which the models should abstain from; they are scored separately.",
     ] = None
+    answers: Annotated[
+        Any,
+        "Probabilities of your own network for the tested rows, to score like those of a model: a table "
+        "(CSV, Parquet) with the column id and a column for every class; of two classes one is enough. "
+        "Only --models are trained then.",
+    ] = None
     alarm_class: Annotated[str | None, "Class that triggers the alarm; human by default."] = None
     motion_folder: Annotated[Path | None, "Folder of the plan's motion files."] = None
     seed: Annotated[int, "Seed of folds, training and confidence intervals, 0 or more.", 0] = 0
@@ -87,6 +95,10 @@ class Options(CheckedOptions):
         for flag in ("--adapt", "--unknown"):
             if flag in given and {"--cv", "--leave-out"} & {*given}:
                 raise ConfigError(f"{flag}: needs one model for all rows; leave --cv and --leave-out out")
+        if self.answers is not None and (clash := [flag for flag in given if flag != "--test"]):
+            raise ConfigError(
+                f"--answers and {clash[0]}: use one of them; answers are scored on the split test or --test"
+            )
         if len(clash := [flag for flag in given if flag != "--unknown"]) > 1:
             raise ConfigError(f"{' and '.join(sorted(clash))}: use one of them")
 

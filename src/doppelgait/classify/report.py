@@ -320,18 +320,16 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
         | {key: f"{fold[key]['n']} of {fold[key]['movers']} targets" for key in ("train", "held", "test")}
         for fold in document["folds"]
     ]
-    used = {"trained on": document["dataset"], "tested on": document["test_dataset"]}
-    used = {role: facts for role, facts in used.items() if facts}
-    about = {
-        role: f"{escape(str(facts['name']))} ({facts['n_rows']} rows, {escape(facts['origin'])}, id "
-        f"{escape(str(facts['id']))})"
-        for role, facts in used.items()
-    }
+    about = [
+        f"{escape(str(facts['name']))} ({facts['n_rows']} rows, {escape(facts['origin'])}, id {escape(str(facts['id']))})"
+        for facts in (document["dataset"], document["test_dataset"])
+        if facts
+    ]
     title = f"{document['dataset']['name']}: classification"
     grey = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
     parts = [
         f"<h1>{escape(title)}</h1>",
-        f"<p>Trained on {about['trained on']}; tested on {about.get('tested on', 'rows of it')}: {escape(tested)}. "
+        f"<p>Trained on {about[0]}; tested on {[*about, 'rows of it'][1]}: {escape(tested)}. "
         f"No tested target is in the training data. doppelgait {escape(document['doppelgait_version'])}, seed "
         f"{document['seed']}.</p>",
         *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
@@ -340,8 +338,8 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
         table = format_table(rows, grey=grey)
         parts += [words, table] if words else [table, SCORES_TEXT]
     parts += [format_figure(name, words) for name, words in pictures]
-    # Show details of the best model, or of the first trained model if no model is the best.
-    best = str(document["kept"] or next(name for name in document["models"] if name not in grey))
+    # Show details of own answers, of the best model, or of the first trained model if no model is the best.
+    best = str(document["own"] or document["kept"] or next(name for name in document["models"] if name not in grey))
     for column, models in document["breakdowns"].items():
         shares = [
             {
@@ -364,11 +362,8 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
     ]
     parts += [f"<h2>{escape(best)}: calibration</h2>", format_table(bins)]
     parts += ["<h2>Training and test data</h2>", format_table(folds)]
-    for role, facts in used.items():
-        plan = f"<pre>{escape(json.dumps(facts['config'], indent=1))}</pre>"
-        if facts["config"] is None:
-            plan = f"<p>It has no plan ({escape(facts['origin'])}).</p>"
-        parts.append(f"<h2>Plan, {role}: {escape(str(facts['name']))}, id {escape(str(facts['id']))}</h2>{plan}")
+    if document["dataset"]["config"] is not None:
+        parts.append('<p>The plan of the first dataset is in <a href="plan.json">plan.json</a>.</p>')
     return format_page(title, parts)
 
 
