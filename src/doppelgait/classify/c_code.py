@@ -113,17 +113,22 @@ def round_kernels(network: Learned) -> Learned:
     return replace(network, arrays=own)
 
 
+def find_obstacle(model: Model) -> str:
+    """Return why a model has no form in C, or an empty text."""
+    facts, own = model.facts, model.learned
+    if own.kind == "track" and "kernel.0" in own.arrays and None not in (facts.alarm, facts.alarm_threshold):
+        return ""
+    return f"{facts.name} is no network of tracks with pictures and an alarm; train one with torch"
+
+
 class Sources:
     """Text of an export of a model, with the size of its tables."""
 
     def __init__(self, model: Model, device: Device, *, integers: bool) -> None:
-        facts, own = model.facts, model.learned
-        alarm = (facts.alarm, facts.alarm_threshold)
-        if own.kind != "track" or "kernel.0" not in own.arrays or None in alarm:
-            words = "no network of tracks with pictures and an alarm; train one with torch"
-            raise ConfigError(f"--form c: {facts.name} is {words}")
+        if obstacle := find_obstacle(model):
+            raise ConfigError(f"--form c: {obstacle}")
         self.model, self.device, self.integers = model, device, integers
-        network = drop_features(own)
+        network = drop_features(model.learned)
         self.network = (round_kernels(network) if integers else network).arrays
         self.n_layers = sum(name.startswith("kernel.") for name in self.network)
         self.flash_bytes = 0

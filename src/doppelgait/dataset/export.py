@@ -29,8 +29,10 @@ from doppelgait.dataset.card import list_blocked_recordings
 from doppelgait.dataset.config import SPLITS, Progress, list_some
 from doppelgait.dataset.example import parse_unit, read_radar
 from doppelgait.dataset.lock import write_new_folder
-from doppelgait.dataset.open import Dataset
+from doppelgait.dataset.open import Dataset, read_signature
+from doppelgait.dataset.rows import Array, make_picture
 from doppelgait.dataset.shard_files import AXIS_UNITS, name_axis
+from doppelgait.processing.patches import Patch
 from doppelgait.radar.readers.sigmf import write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth
 
@@ -53,6 +55,23 @@ number of fields (by default 0).
 """
 
 SHOWN_FILES = 8
+PICTURE, PATCH = "picture", Patch()
+PICTURE_FIELD = {"dims": ["picture_velocity", "picture_time"], "units": "1", "dtype": "float32", "hop": 1}
+PICTURE_FIELD |= {"patch": PATCH.model_dump()}
+"""A further field of every dataset with signatures: their pictures, with the format that makes them."""
+
+
+class Pictured(Dataset):
+    """A dataset with pictures of its signatures as a field."""
+
+    def stored(self, number: int, name: str) -> Array | None:
+        """Return a stored array, or a picture."""
+        return make_picture(read_signature(self, number), PATCH) if name == PICTURE else super().stored(number, name)
+
+    def shape(self, number: int, name: str) -> tuple[int, ...] | None:
+        """Return the shape of a stored array, or of a picture."""
+        return (PATCH.n_velocity, PATCH.n_time) if name == PICTURE else super().shape(number, name)
+
 
 
 @dataclass(frozen=True)
@@ -88,6 +107,9 @@ def export_dataset(
     for field in fields:
         if allowed is not None and field not in allowed:
             raise DatasetError(f"fields: {name} holds {' and '.join(allowed) or 'no arrays'} only, not {field!r}")
+    if PICTURE in fields and "signature" in known:
+        described = {**dataset.description, "fields": {**known, PICTURE: PICTURE_FIELD}}
+        dataset = Pictured(dataset.directory, described, dataset.index, dataset.files)
     dataset.check_fields(fields)
     chosen = tuple(dict.fromkeys(fields))
     if len(chosen) < exporter.facts.get("least", 0):

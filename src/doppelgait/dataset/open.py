@@ -319,11 +319,11 @@ class Dataset:
         shuffle : bool
             In a random order (:func:`doppelgait.dataset.rows.shuffled_rows`), else in that of the index.
         as_ : {"array", "picture"} or Patch
-            ``array``: in linear units, on the stored grid. ``picture``: signatures in dB over their noise floor,
-            clipped to 0 to 40 dB, float32, as an array (64 velocities, 64 times): row k holds the radial velocities
-            from -6.4 + 0.2 k to -6.2 + 0.2 k m/s (approaching positive), a column is 1/32 s. The picture is the middle
-            2 s of the signature; a shorter one has 0 around it. Pulse rate, carrier, duration and gain do not change
-            the format. :class:`doppelgait.classify.Patch` sets another one, for example ``Patch(n_time=128)``.
+            ``array``: in linear units, on the stored grid. ``picture``: as :func:`doppelgait.classify.patch`, levels
+            from 0 (noise floor) to 1 (40 dB over it), float32, as an array (64 velocities, 64 times): row k holds the
+            radial velocities from -6.4 + 0.2 k to -6.2 + 0.2 k m/s (approaching positive), a column is 1/32 s. The
+            picture is the middle 2 s of the signature; a shorter one has 0 around it. Pulse rate, carrier, duration
+            and gain do not change the format. :class:`doppelgait.classify.Patch` sets another one, for example ``Patch(n_time=128)``.
 
         Yields
         ------

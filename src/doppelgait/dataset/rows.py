@@ -52,11 +52,11 @@ class LabelledArrays:
 
 
 def make_picture(signature: xr.DataArray | None, patch: Patch) -> Levels:
-    """Convert the middle of a signature to a picture in dB, (n_velocity, n_time)."""
+    """Convert the middle of a signature to levels from 0 to 1, (n_velocity, n_time)."""
     whole = levels_of(signature, patch)
     if whole is None:
         return np.zeros((patch.n_velocity, patch.n_time), dtype=np.float32)
-    return cut(whole, (whole.shape[1] - patch.n_time) // 2, patch) * np.float32(patch.range_db)
+    return cut(whole, (whole.shape[1] - patch.n_time) // 2, patch)
 
 
 def check_fields(fields: Sequence[str], kept: Collection[str], owner: str) -> None:
