@@ -224,7 +224,6 @@ class Sources:
         return {key: _format_float(n) if isinstance(n, float) else n for key, n in values.items()}
 
     def _add_array(self, name: str, kind: str, values: Any) -> str:
-        """Add a constant array and return its name."""
         flat = np.ravel(values)
         sized = ("int8_t" if self.integers else "float") if kind == "dg_weight" else kind
         self.flash_bytes += flat.size * SIZES[sized]

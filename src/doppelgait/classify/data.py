@@ -161,57 +161,50 @@ def collect_inputs(
 
 def collect_answers(given: Any, rows: Rows, tested: IntArray) -> FloatArray:
     """Return a user's probabilities of all rows (n, n_classes), NaN where there are none; check the tested rows."""
-    dataset, number, name = rows.datasets[-1], len(rows.datasets) - 1, "answers"
-    own, held = rows.index[rows.origin == number], (rows.index["split"] == "validation") & (rows.origin == number)
+    number, name, classes = len(rows.datasets) - 1, "answers", list(rows.classes)
+    dataset, own = rows.datasets[number], np.flatnonzero(rows.origin == number)
+    asked = np.union1d(tested, own[rows.index["split"].iloc[own] == "validation"])
     if callable(given):
-        asked = np.union1d(tested, np.flatnonzero(held))
         given = given(replace(dataset, index=dataset.index.iloc[rows.place[asked]].reset_index(drop=True)))
-        own = own if isinstance(given, pd.DataFrame) else rows.index.iloc[asked]
     elif isinstance(given, str | Path):
         name, given = str(given), _read_table(Path(given))
-    if not isinstance(given, pd.DataFrame):
-        values = np.atleast_1d(np.asarray(given))
-        given = _name_answers(values, rows, own if len(values) == len(own) else rows.index.iloc[tested])
-    if "id" not in given:
-        raise DatasetError(f"{name}: has no column id, which names the rows of {dataset.directory}")
-    named = [str(column) for column in given.columns if column in rows.classes]
+    row_ids = rows.index["id"].astype(str)
+    if not isinstance(given, pd.DataFrame):  # an array of the tested, the asked or all rows, in their order
+        values = np.asarray(given)
+        answered = next((part for part in (tested, asked, own) if values.shape[:1] == (part.size,)), None)
+        if answered is None or values.shape[1:] not in ((), (len(classes),)):
+            raise DatasetError(f"{name}: has the shape {values.shape}; must be ({tested.size}, {len(classes)})")
+        given = pd.DataFrame(values.reshape(answered.size, -1), columns=classes if values.ndim == 2 else [rows.alarm])
+        given["id"] = row_ids.to_numpy()[answered]
+    named = [str(column) for column in given.columns if column in classes]
     strange = [str(column) for column in given.columns if column not in (*named, *rows.index.columns)]
-    if strange or not named or len(named) < len(rows.classes) - (len(rows.classes) == 2):
+    if strange or "id" not in given or len(classes) - len(named) > (len(classes) == 2 and len(named) == 1):
         raise DatasetError(
-            f"{name}: has the classes {', '.join([*named, *strange]) or 'none'}; it needs one column of probabilities "
-            f"for each of {', '.join(rows.classes)} (of two classes one is enough)"
+            f"{name}: has the columns {', '.join(map(str, given.columns))}; it needs id and {', '.join(classes)}, the "
+            "probability of each class (of two classes one is enough)"
         )
     ids = given["id"].astype(str)
-    if (twice := ids[ids.duplicated()]).size:
-        raise DatasetError(f"{name}: has {twice.iloc[0]!r} twice; it must have one line per row of {dataset.directory}")
-    places = pd.Series(own.index, own["id"].astype(str)).reindex(ids)
-    if (unknown := places.index[places.isna()]).size:
-        raise DatasetError(
-            f"{name}: {unknown[0]!r} is no row of {dataset.directory}, nor are {len(unknown) - 1} others"
-        )
-    places = places.astype(np.int64).to_numpy()
-    if (missing := np.setdiff1d(tested, places)).size:
-        splits = rows.index["split"].iloc[places].astype(str).value_counts()
-        hint = "" if "train" not in splits else "; rows of train are not scored, for a model has learned from them"
-        raise DatasetError(
-            f"{name}: {missing.size} of {tested.size} tested rows have no line, the first is "
-            f"{rows.index['id'].iloc[missing[0]]!r}; there are lines for "
-            f"{', '.join(f'{count} rows of {split}' for split, count in splits.items()) or 'no row'}{hint}"
-        )
+    faults = {
+        "has two lines": ids[ids.duplicated()],
+        f"is no row of {dataset.directory}": ids[~ids.isin(row_ids.iloc[own])],
+        "is a tested row without a line; rows of train are not scored": row_ids[tested][~row_ids[tested].isin(ids)],
+    }
+    for words, wrong in faults.items():
+        if len(wrong):
+            raise DatasetError(f"{name}: {wrong.iloc[0]!r} {words} ({len(wrong)} such; {tested.size} are tested)")
     values = np.column_stack([read_numbers(given[column]) for column in named])
-    if len(named) < len(rows.classes):
-        values = np.column_stack([values, 1.0 - values])
-        named += [column for column in rows.classes if column not in named]
-    wrong = ~((values >= 0.0) & (values <= 1.0)).all(axis=1) | (np.abs(values.sum(axis=1) - 1.0) > SUM_TOLERANCE)
-    if wrong.any():
-        first = int(wrong.argmax())
-        told = ", ".join(f"{column} {value:.4g}" for column, value in zip(named, values[first], strict=True))
+    if len(named) < len(classes):
+        values, named = np.column_stack([values, 1.0 - values]), [*named, *({*classes} - {*named})]
+    bad = ~((values >= 0.0) & (values <= 1.0)).all(axis=1) | (np.abs(values.sum(axis=1) - 1.0) > SUM_TOLERANCE)
+    if bad.any():
+        told = dict(zip(named, values[bad.argmax()].tolist(), strict=True))
         raise DatasetError(
-            f"{name}: {ids.iloc[first]!r} has {told}; probabilities must be numbers from 0 to 1 with the sum 1, as of a "
-            f"softmax ({int(wrong.sum())} of {len(values)} lines are wrong)"
+            f"{name}: {ids.iloc[bad.argmax()]!r} has {told}; probabilities must be numbers from 0 to 1 with the "
+            f"sum 1, as of a softmax ({int(bad.sum())} of {len(values)} lines are wrong)"
         )
-    found = np.full((len(rows), len(rows.classes)), np.nan)
-    found[places] = (values / values.sum(axis=1, keepdims=True))[:, [named.index(label) for label in rows.classes]]
+    found = np.full((len(rows), len(classes)), np.nan)
+    places = pd.Series(own, row_ids.iloc[own])[ids].to_numpy()
+    found[places] = (values / values.sum(axis=1, keepdims=True))[:, [named.index(label) for label in classes]]
     return found
 
 
@@ -220,19 +213,6 @@ def _read_table(path: Path) -> pd.DataFrame:
         return pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, dtype={"id": str})
     except (OSError, ValueError, ImportError) as error:
         raise DatasetError(f"{path}: is no readable table (CSV or Parquet): {error}") from None
-
-
-def _name_answers(values: npt.NDArray[Any], rows: Rows, answered: pd.DataFrame) -> pd.DataFrame:
-    # an array has the classes in the order of their numbers, or is the probability of the alarm's class
-    columns = [rows.alarm] if values.ndim == 1 else list(rows.classes)
-    if values.shape not in ((len(answered),), (len(answered), len(columns))):
-        shape = f"({len(answered)}, {len(rows.classes)})"
-        raise DatasetError(
-            f"answers: an array of shape {values.shape} is not allowed; must be {shape}: the tested rows in their "
-            f"order, and {', '.join(rows.classes)}"
-        )
-    table = pd.DataFrame(values.reshape(len(answered), -1), columns=columns)
-    return table.assign(id=answered["id"].to_numpy())
 
 
 def list_windows(rows: Rows) -> list[Seen]:

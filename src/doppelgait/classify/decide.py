@@ -253,7 +253,6 @@ SHOWN_QUALITY = ("track_range_m", "start_s", "stop_s", "observation_s", "snr_mu_
 
 
 def _warn_about_settings(found: Mapping[str, Any], model: Model) -> None:
-    """Warn where the analysis differs from the training data's."""
     expected = read_training_analysis(model).model_dump(mode="json")
     ignored = ("clutter", "clutter_time_s", "hop")
     other = [name for name, value in expected.items() if name not in ignored and found.get(name, value) != value]

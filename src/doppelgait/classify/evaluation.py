@@ -32,7 +32,6 @@ from doppelgait.classify.data import (
 from doppelgait.classify.learned import (
     LEAST_FAR,
     FloatArray,
-    Inputs,
     IntArray,
     LabelledRows,
     Learned,
@@ -77,9 +76,8 @@ MOST_LEFT_OUT = 100
 
 
 ANSWERS_NOTE = (
-    "{name} has your own probabilities, scored as they are: no calibration, a decision from {limit:g} on, the threshold "
-    "of the alarm from its answers to the split validation. Whether its network has learned from tested targets is not "
-    "known here."
+    "has your own probabilities, as they are: no calibration, a decision from 0.8 on, the alarm's threshold from "
+    "answers to the split validation. Whether the network has learned from tested targets is not known."
 )
 
 
@@ -337,30 +335,25 @@ def describe_model(
 
 
 def _compute_losses(probability: FloatArray, labels: IntArray) -> FloatArray:
-    """Return the log loss of every row."""
     found = probability[np.arange(labels.size), labels]
     return np.asarray(-np.log(np.maximum(found, LEAST_PROBABILITY)))
 
 
 def run_answers(rows: Rows, probability: FloatArray, fold: Fold) -> Run:
-    """Take the user's own probabilities as those of a model; its threshold is that of validation rows with answers."""
-    held = fold.held[np.isfinite(probability[fold.held, 0]) & (rows.index["split"].iloc[fold.held] == "validation")]
-    own, labels, threshold = probability[held], rows.labels[held], dict[str, Any]()
+    """Take the user's own probabilities as those of a model; validation rows with answers give its threshold."""
+    held = np.intersect1d(fold.held, np.flatnonzero(rows.index["split"] == "validation"))
+    held = held[np.isfinite(probability[held, 0])]
+    own, labels, tested, found = probability[held], rows.labels[held], probability[fold.test], dict[str, Any]()
     if rows.alarm in rows.classes:
         number = rows.classes.index(rows.alarm)
-        threshold = find_alarm_threshold(own[:, number], labels == number, rows.groups[held])
-    tested = probability[fold.test]
-    answers = Answers(
-        **vars(take_rows(rows, fold.test)),
-        probability=tested,
-        threshold=np.full(len(tested), threshold.get("alarm_threshold", np.nan)),
-        decided=tested.max(axis=1) >= ABSTAIN_BELOW,
-    )
+        found = find_alarm_threshold(own[:, number], labels == number, rows.groups[held])
+    threshold, decided = np.full(len(tested), found.get("alarm_threshold", np.nan)), tested.max(axis=1) >= ABSTAIN_BELOW
+    part = vars(take_rows(rows, fold.test))
+    answers = Answers(**part, probability=tested, threshold=threshold, decided=decided)
     return Run(answers, [], float(_compute_losses(own, labels).mean()) if held.size else np.inf, {})
 
 
 def _rank_features(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
-    """Compute the log-loss rise when features are shuffled."""
     values, labels = table.values[fold.test], rows.labels[fold.test]
     rng = np.random.default_rng(seed)
     weights, lost = row_weights(labels, len(rows.classes)), dict[str, float]()
@@ -522,10 +515,11 @@ def evaluate(
             "name the one model to keep (--models), or add more data"
         )
     done, total, runs = count(1), len(tables) * len(whole), dict[str, Run]()
-    own = None if chosen.answers is None else _name_answers(chosen.answers)
-    if own is not None:
+    own = Path(chosen.answers).stem if isinstance(chosen.answers, str | Path) else "own"
+    if chosen.answers is not None:
+        own = f"own-{own}" if own in training.CLASSIFIERS else own
         runs[own] = run_answers(rows, collect_answers(chosen.answers, rows, folds[0].test), folds[0])
-        notes.append(ANSWERS_NOTE.format(name=own, limit=ABSTAIN_BELOW))
+        notes.append(f"{own} {ANSWERS_NOTE}")
     tick = (lambda: on_progress(next(done), total)) if on_progress else (lambda: None)
     for name in tables:
         members = [runs[member] for member in MEMBERS if member in runs] if name == "ensemble" else []
@@ -537,7 +531,7 @@ def evaluate(
     outside = _find_outside(rows, folds)
     notes += [*skipped, *_list_limits(rows, folds, {name: runs[name] for name in trained}, outside)]
     document = make_document(rows, folds, runs, notes, seed=seed)
-    document |= {"kept": best, "own": own, "outside_conditions": outside}
+    document |= {"kept": best, "own": own if own in runs else None, "outside_conditions": outside}
     kept = {name: runs[name].models[-1] for name in tables if len(folds) == 1 or len(whole) > len(folds)}
     part, said = folds[0].test, dict[str, list[str]]()
     for name in trained if chosen.own is not None or unknown is not None else ():
@@ -582,12 +576,6 @@ def _collect_test_rows(dataset: Dataset | str | Path, options: Options, *, neede
     return rows, all_rows(unknown, rows.classes, index)
 
 
-def _name_answers(answers: Any) -> str:
-    """Return the name of own answers in a report: of their file, if it is no model's."""
-    name = Path(answers).stem if isinstance(answers, str | Path) else "own"
-    return f"own-{name}" if name in training.CLASSIFIERS else name
-
-
 def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], outside: Mapping[str, Any]) -> list[str]:
     """List what too few held-out rows, a missing class or other conditions prevent."""
     notes = []
@@ -611,7 +599,6 @@ def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], out
 
 
 def _find_outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
-    """Find conditions of tested rows outside the training range."""
     found, outside = conditions_of_rows(rows), dict[str, dict[str, Any]]()
     for fold in folds:
         for name, span in find_training_conditions(found, fold.train).items():

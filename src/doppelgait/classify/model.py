@@ -15,15 +15,7 @@ import xarray as xr
 from pydantic import Field
 
 from doppelgait.classify.data import SHARED, Rows, read_numbers, wavelengths_m
-from doppelgait.classify.learned import (
-    NOVEL_BELOW,
-    FloatArray,
-    Inputs,
-    IntArray,
-    Learned,
-    Novelty,
-    select_features,
-)
+from doppelgait.classify.learned import NOVEL_BELOW, FloatArray, Inputs, IntArray, Learned, Novelty, select_features
 from doppelgait.classify.scorer import log_softmax
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.notebook import show_html, show_text

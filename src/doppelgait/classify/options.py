@@ -53,8 +53,7 @@ class Options(CheckedOptions):
     """Options of an evaluation; ``Any`` is a dataset or its folder."""
 
     other: Annotated[
-        Any,
-        "Another dataset to test on instead: all rows except those of targets in the training data.",
+        Any, "Another dataset to test on instead: all rows except those of targets in the training data."
     ] = None
     models: Annotated[
         list[str] | None,
@@ -63,20 +62,16 @@ class Options(CheckedOptions):
         "its members and six-logistic, as far as the dataset has the inputs.",
     ] = None
     n_folds: Annotated[
-        int | None,
-        "Cross-validate over all rows with this number of folds; a target is in one of them.",
+        int | None, "Cross-validate over all rows with this number of folds; a target is in one of them."
     ] = None
     left_out: Annotated[
-        str | None,
-        "Cross-validate by leaving out one value of this column at a time: source, subject, ...",
+        str | None, "Cross-validate by leaving out one value of this column at a time: source, subject, ..."
     ] = None
     own: Annotated[
-        Any,
-        "A dataset of your own recordings, of every class, to test on and to adapt the saved model to.",
+        Any, "A dataset of your own recordings, of every class, to test on and to adapt the saved model to."
     ] = None
     unknown: Annotated[
-        Any,
-        "A dataset with further classes, which the models should abstain from; they are scored separately.",
+        Any, "A dataset with further classes, which the models should abstain from; they are scored separately."
     ] = None
     answers: Annotated[
         Any,
@@ -131,10 +126,7 @@ class AlarmOptions(CheckedOptions):
 class BenchmarkOptions(CheckedOptions):
     """Options of the benchmark."""
 
-    classifier: Annotated[
-        list[str] | None,
-        "Baseline, FILE.py:FUNCTION, or model by name or file; repeatable.",
-    ] = None
+    classifier: Annotated[list[str] | None, "Baseline, FILE.py:FUNCTION, or model by name or file; repeatable."] = None
     recordings: Annotated[Path | None, "Folder of motion files, for the part 'recorded'."] = None
 
 

@@ -197,8 +197,7 @@ def evaluate(
         list[str] | None, typer.Option("--option", help="With --names: reader option KEY=VALUE; repeatable.")
     ] = None,
     alarm: Annotated[
-        bool,
-        typer.Option("--alarm", help="Score the kept model as an alarm over simulated days; this takes minutes."),
+        bool, typer.Option("--alarm", help="Score the kept model as an alarm over simulated days; this takes minutes.")
     ] = False,
     save: Annotated[
         Path | None,

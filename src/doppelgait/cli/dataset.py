@@ -206,11 +206,9 @@ def build(
             print_text(f"{target}: {size}, id {report.dataset_id}; {made}")
     if reached := {name: n for name in LIMITS if (n := sum(row[name] for row in limits))}:
         words = ", ".join(f"{name} {count}" for name, count in reached.items())
-        keys = format_limit_keys({name: LIMIT_KEYS[name] for name in reached})
-        print_message(
-            f"warning: rows that reach a limit of the radar: {words} (of {report.n_rows}); see the card; keys to change: "
-            f"{keys}"
-        )
+        words += f" (of {report.n_rows}); see the card; keys to change: "
+        words += format_limit_keys({name: LIMIT_KEYS[name] for name in reached})
+        print_message(f"warning: rows that reach a limit of the radar: {words}")
     if report.failures:
         first, severity = report.failures[0], "error" if report.too_many_failed else "warning"
         print_message(
