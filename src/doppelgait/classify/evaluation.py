@@ -70,8 +70,7 @@ from doppelgait.dataset.plan import list_names, parse_source
 
 SHUFFLES = 5  # shuffles of a feature for its importance
 LEAST_PROBABILITY = 1e-12
-HELD_FOLDS = 5
-"""One in so many groups is held back for calibration where there is no validation split."""
+HELD_FOLDS = 5  # one in so many groups is held back where there is no validation split
 MOST_LEFT_OUT = 100
 
 

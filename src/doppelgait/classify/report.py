@@ -315,13 +315,13 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
     ]
     named = filter(None, (document["dataset"], document["test_dataset"]))
     about = [escape("{name} ({n_rows} rows, {origin}, id {id})".format(**facts)) for facts in named]
-    title = f"{document['dataset']['name']}: classification"
+    title, trained = f"{document['dataset']['name']}: classification", document["folds"][0]["train"]["n"]
     grey = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
     parts = [
         f"<h1>{escape(title)}</h1>",
-        f"<p>Trained on {about[0]}; tested on {[*about, 'rows of it'][1]}: {escape(tested)}. "
-        f"No tested target is in the training data. doppelgait {escape(document['doppelgait_version'])}, seed "
-        f"{document['seed']}.</p>",
+        f"<p>{'Trained on' if trained else 'Dataset'} {about[0]}; tested on {[*about, 'rows of it'][1]}: "
+        f"{escape(tested)}. No tested target is in the split train. "
+        f"doppelgait {escape(document['doppelgait_version'])}, seed {document['seed']}.</p>",
         *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
     ]
     for words, rows in list_sections(document).items():

@@ -208,13 +208,11 @@ def evaluate(
 ) -> None:
     """Train classifiers on a dataset and write a report.
 
-    The report has scores, figures and the plan of the data. With --answers it has the scores of your own network.
+    The report has scores, figures and the plan of the data; with --answers those of your own network.
 
-    Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz
-
-    Example: doppelgait evaluate home-alarm -o report --answers mine.csv
-
-    Example: doppelgait evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
+    Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz; or doppelgait
+    evaluate home-alarm -o report --answers mine.csv; or doppelgait
+    evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
     from doppelgait.classify.c_code import find_obstacle
     from doppelgait.classify.evaluation import evaluate as run_evaluation

@@ -39,12 +39,9 @@ MotionFolder = Annotated[
     Path | None,
     typer.Option("--motion-folder", help="Folder of the plan's motion files; by default the folder of the plan file."),
 ]
-LEAKS_LOOKED_AT = 1000
-"""Number of examples that the leakage test of a plan uses."""
-FEASIBILITY_LOOKED_AT = 500
-"""Number of examples that are compared with the range and speed limits of the radar."""
-ALL_CHECKED = 20_000
-"""Maximum number of examples that ``dataset plan`` samples, evenly spread over a larger plan."""
+LEAKS_LOOKED_AT = 1000  # examples that the leakage test of a plan uses
+FEASIBILITY_LOOKED_AT = 500  # examples that are compared with the limits of the radar
+ALL_CHECKED = 20_000  # most examples that a plan samples, evenly spread over a larger one
 
 
 def _load(plan: str, changes: list[str] | None, motion_folder: Path | None) -> tuple[Any, Path]:
@@ -74,9 +71,8 @@ def plan_command(
     The command prints the numbers of examples, subjects and files. It also prints how many rows
     alias in Doppler, leave the radar frame or have a gate that the frame truncates.
 
-    Example: doppelgait dataset plan home-alarm --set dataset.examples_per_class=50000
-
-    Example: doppelgait dataset plan home-alarm --toml > my-plan.toml
+    Example: doppelgait dataset plan home-alarm --set dataset.examples_per_class=50000; or doppelgait
+    dataset plan home-alarm --toml > my-plan.toml
     """
     import numpy as np
 
