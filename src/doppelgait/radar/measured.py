@@ -69,14 +69,19 @@ def place_frames(
     return times_s.ravel(), rate_hz, {"burst_pulses": n_pulses} if is_paused and n_frames > 1 else {}
 
 
+def check_carrier(preset: str | Path, own: Radar, carrier_hz: float | None) -> None:
+    """Refuse a preset whose carrier contradicts the one that a recording states (:class:`ConfigError`)."""
+    if carrier_hz is not None and not 0.5 < carrier_hz / own.carrier_hz < 2.0:
+        raise ConfigError(f"carrier_hz = {carrier_hz:g} is that of another radar than {preset}: {own.carrier_hz:g}")
+
+
 def adapt_preset(path: Path, preset: str | Path, *, n_range_bins: int, range_start_m: float, **facts: Any) -> Radar:
     """Return a preset radar with a recording's own frame and further parameters."""
     if not isinstance(preset, str | Path):
         raise RecordingError(f"{path}: radar = {preset!r} is not allowed; it must be a preset or the path of its file")
     try:
         start_m, own = max(range_start_m, 0.0), Radar.preset(preset)
-        if not 0.5 < (carrier_hz := facts.get("carrier_hz", own.carrier_hz)) / own.carrier_hz < 2.0:
-            raise ConfigError(f"carrier_hz = {carrier_hz:g} is that of another radar than {preset}: {own.carrier_hz:g}")
+        check_carrier(preset, own, facts.get("carrier_hz"))
         frame = {"range_start_m": start_m, "range_stop_m": start_m + n_range_bins * own.bin_spacing_m}
         return Radar.preset(preset, **frame, **facts)
     except ConfigError as error:

@@ -200,7 +200,7 @@ def _follow_xethru_frames(path: Path, stream: Stream, options: dict[str, Any]) -
         for block in blocks:
             if not block["count"][0]:
                 raise RecordingError(f"{path}: a record declares no values")
-            source = Records(path, kind.name, block, np.empty(0, dtype=np.int64), stated)
+            source = Records(path, kind.name, block, stated)
             volts, radar, range_m = convert_records(source, **options)
             yield Header(radar, range_m)
             for counter, row in zip(source.counters.tolist(), volts, strict=True):

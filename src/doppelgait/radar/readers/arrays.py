@@ -29,6 +29,7 @@ from doppelgait.core.plugins import plugin, read_head
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray, slow_time_axis_s
 from doppelgait.radar.measured import (
     RATE_OFF,
+    check_carrier,
     check_number,
     check_shape,
     choose_number,
@@ -102,9 +103,11 @@ def _describe(
     if facts.radar is not None:
         table = dict(facts.radar)
         try:
-            if "preset" in table:
-                table = change_preset(str(table.pop("preset")), table)
+            preset = table.pop("preset", None)
+            table = table if preset is None else change_preset(str(preset), table)
             stated = validate(Radar, table, where="radar")
+            if preset is not None:
+                check_carrier(str(preset), stated, facts.carrier_hz)
         except ConfigError as error:
             raise RecordingError(f"{path}: {error}") from None
     axes = parsed.axes

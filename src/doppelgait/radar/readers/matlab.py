@@ -265,12 +265,11 @@ def parse_matlab(
 
     facts = {"carrier_hz": carrier_hz, "prf_hz": rate_hz}
     facts |= {"range_start_m": start_m, "bin_spacing_m": spacing_m}
-    values, range_m = downconvert.convert_rf_frames(path, frames, facts, filter)
-    volts, made, notes = downconvert.scale_by_preset(path, values, range_m, facts, radar)
+    volts, range_m, made, notes = downconvert.convert_rf_frames(path, frames, facts, filter, radar)
     return label_measured(
         path,
         volts,
-        radar=downconvert.change_filter_noise(made, filter),
+        radar=made,
         slow_time_s=slow_time_axis_s(len(volts), rate_hz),
         range_m=range_m,
         notes=[
