@@ -133,15 +133,19 @@ MIN_REPEATS, MAX_RUN, MAX_REPEATED, MIN_BINS = 8, 3, 0.7, 4
 from pulses that are equal by their rounding; without noise a still scene repeats itself for longer."""
 
 
+def find_runs(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """Return the start and the end of every run of flags. Shapes: flags (I,), result (R, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]))).reshape(-1, 2)
+
+
 def find_repeats(values: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     """Return which pulses a recorder stored once more. Shapes: values (I, N), result (I,)."""
     same = np.zeros(len(values), dtype=bool)
     if values.shape[1] < MIN_BINS:
         return same
     same[1:] = (values[1:] == values[:-1]).all(axis=1) & values[1:].any(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same, [0]]))).reshape(-1, 2)
-    for first, stop in edges[edges[:, 1] - edges[:, 0] > MAX_RUN]:
-        same[first:stop] = False
+    for first, stop in find_runs(same):
+        same[first:stop] = stop - first <= MAX_RUN
     return same if same.sum() >= MIN_REPEATS and same.mean() <= MAX_REPEATED else np.zeros_like(same)
 
 
@@ -151,14 +155,13 @@ MIN_ZEROS, ZERO_SHARE = 8, 0.01
 
 def describe_zeros(values: npt.NDArray[Any], rate_hz: float) -> list[str]:
     """Return a warning about stretches of exact zeros: lost packets, or a file that was made before it was filled."""
-    is_zero = np.concatenate([[False], ~values.any(axis=1), [False]])
-    edges = np.flatnonzero(np.diff(is_zero)).reshape(-1, 2)
-    edges = edges[edges[:, 1] - edges[:, 0] >= MIN_ZEROS]
-    lengths = edges[:, 1] - edges[:, 0]
+    runs = find_runs(~values.any(axis=1))
+    runs = runs[np.ptp(runs, axis=1) >= MIN_ZEROS]
+    lengths = np.ptp(runs, axis=1)
     share = lengths.sum() / len(values)
     if share < ZERO_SHARE:
         return []
-    first, stop = edges[lengths.argmax()]
+    first, stop = runs[lengths.argmax()]
     where = "the last " if stop == len(values) else "the first " if first == 0 else ""
     more = "" if lengths.size == 1 else f"; {lengths.size} stretches are 0, {100 * share:.3g} % together"
     return [

@@ -268,9 +268,7 @@ class Cw(Waveform):
         """Return the span of the frame."""
         return radar.range_stop_m - radar.range_start_m
 
-    def resolution_m(self, radar: Radar) -> float:
-        """Return the span of the frame."""
-        return self.bin_spacing_m(radar)
+    resolution_m = bin_spacing_m
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
         """Return the noise bandwidth of a sample, 1 / T_i for a mean over T_i."""
