@@ -368,7 +368,6 @@ def fit_clutter_profile(
 class Leakage:
     """Strongest static echo nearby, and a constant over range."""
 
-    range_m: float
     level_db: Estimate
     constant_v: Estimate
 
@@ -381,18 +380,15 @@ BINS_PER_CELL = 2.0
 def estimate_leakage(echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float) -> Leakage:
     """Estimate direct path and constant of the static echo. Shapes: echo_v (N,); range_m (N,)."""
     near = range_m < NEAR_M
-    level, place = Estimate(-math.inf, math.inf), math.nan
-    if near.any():
-        strongest = int(np.argmax(np.abs(echo_v) * near))
-        power = float(np.abs(echo_v[strongest]) ** 2)
-        place = float(range_m[strongest])
-        if power > 0:
-            level = Estimate(DB_PER_NEPER * math.log(power), 2.0 * DB_PER_NEPER * math.sqrt(noise_power_v2 / 2 / power))
+    level = Estimate(-math.inf, math.inf)
+    power = float(np.max(np.abs(echo_v[near]), initial=0.0) ** 2)
+    if power > 0:
+        level = Estimate(DB_PER_NEPER * math.log(power), 2.0 * DB_PER_NEPER * math.sqrt(noise_power_v2 / 2 / power))
     far = echo_v[~near] if (~near).sum() >= 4 else echo_v
     weights = 1.0 / (np.abs(far - take_middle(far)) ** 2 + (float(np.median(np.abs(far) ** 2)) + np.finfo(float).tiny))
     constant = np.sum(weights * far) / np.sum(weights)
     scatter = float(np.sqrt(np.sum(weights**2 * np.abs(far - constant) ** 2) * BINS_PER_CELL) / np.sum(weights))
-    return Leakage(place, level, Estimate(float(abs(constant)), scatter))
+    return Leakage(level, Estimate(float(abs(constant)), scatter))
 
 
 MIN_FRAMES = 32
