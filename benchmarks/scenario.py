@@ -101,11 +101,6 @@ def fill_planes(case: Case, planes: Any) -> None:
     native.echo_planes(case.range_m, case.amplitude_v, *_geometry(case.radar), 0, 0, planes[0], planes[1], None)
 
 
-def fill_matrix(case: Case, matrix: Any) -> None:
-    """Synthesis into a data matrix that exists."""
-    native.add_echoes(case.range_m, case.amplitude_v, *_geometry(case.radar), matrix, None)
-
-
 def _geometry(radar: Radar) -> tuple[float, float, float, float, float]:
     sigma_m = radar.sigma_s * SPEED_OF_LIGHT_MPS / 2.0
     return radar.range_start_m, radar.bin_spacing_m, sigma_m, radar.wavelength_m, radar.transmit_phase_rad

@@ -231,44 +231,6 @@ void echo_planes(Plane<double> range_m, Plane<double> amplitude, double first_bi
   for (Index n = 0; n < re.count; ++n) write_zeros(n, re.width);
 }
 
-inline void store_samples(Float parts, Index count, Complex* to) {
-  auto* numbers = reinterpret_cast<float*>(to);
-  if (count == kHalfWidth) {
-    store(numbers, parts);
-  } else {
-    std::memcpy(numbers, &parts, count * sizeof(Complex));
-  }
-}
-
-void add_echoes(Plane<double> range_m, Plane<double> amplitude, double first_bin_m, double bin_spacing_m,
-                double pulse_sigma_m, double wavelength_m, double phase_rad, Rows<Complex> matrix,
-                std::optional<Plane<double>> extra_phase_rad) {
-  const Scatterers scatterers(range_m, amplitude, extra_phase_rad);
-  const auto geometry = make_geometry(first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad);
-  Block block(matrix.width);
-  for (Index frame = 0; frame < matrix.count; frame += kFrames) {
-    fill(geometry, scatterers, frame, 0, block);
-    const Index first = block.first, stop = std::max(first, block.stop);
-    const Index used = std::min<Index>(kFrames, matrix.count - frame);
-    for (Index lane = 0; lane < used; ++lane) {
-      Complex* row = matrix[frame + lane];
-      std::fill(row, row + first, Complex());
-      std::fill(row + stop, row + matrix.width, Complex());
-    }
-    for (Index n = first; n < stop; n += kHalfWidth) {
-      const Index bins = std::min<Index>(kHalfWidth, matrix.width - n);
-      for (Index begin = 0; begin < used; begin += kWidth) {
-        Float rows[kWidth];  // real and imaginary parts of some bins in kWidth frames, then of a frame in some bins
-        for (int i = 0; i < kWidth; ++i) rows[i] = load<Float>(block[n] + i * kFrames + begin);
-        transpose(rows);
-        for (Index lane = begin; lane < std::min<Index>(begin + kWidth, used); ++lane) {
-          store_samples(rows[lane - begin], bins, matrix[frame + lane] + n);
-        }
-      }
-    }
-  }
-}
-
 // Copies samples from or to planes: a few frames for all bins, in tiles that are transposed in registers.
 template <typename From, typename To, typename CopyTile, typename Copy>
 void exchange(From matrix, To re, To im, CopyTile copy_tile, Copy copy) {
@@ -317,8 +279,6 @@ void split_planes(Plane<Complex> matrix, Rows<float> re, Rows<float> im) {
 void bind(nb::module_& module) {
   define(module, "echo_planes", &echo_planes, "range_m", "amplitude", "first_bin_m", "bin_spacing_m", "pulse_sigma_m",
          "wavelength_m", "phase_rad", "first_frame", "first_bin", "plane_re", "plane_im", "extra_phase_rad");
-  define(module, "add_echoes", &add_echoes, "range_m", "amplitude", "first_bin_m", "bin_spacing_m", "pulse_sigma_m",
-         "wavelength_m", "phase_rad", "out", "extra_phase_rad");
   define(module, "join_planes", &join_planes, "plane_re", "plane_im", "out");
   define(module, "split_planes", &split_planes, "matrix", "plane_re", "plane_im");
 }
