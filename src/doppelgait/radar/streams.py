@@ -524,7 +524,7 @@ def open_stream(
 
 def _replay_frames(recording: Recording) -> Generator[Header | Frame]:
     times_s = recording.slow_time_s
-    yield make_header(recording.radar, recording.range_m, recording.facts, times_s)
+    yield make_header(recording)
     for first, rows in read_tiles(recording.frames.get_values()):
         for time_s, row in zip(times_s[first : first + len(rows)].tolist(), rows, strict=True):
             yield Frame(None, time_s, row)
