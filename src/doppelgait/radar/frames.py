@@ -260,7 +260,7 @@ def make_recording_header(recording: Recording) -> Header:
 
 
 def make_header(recording: Recording) -> Header:
-    """Return the radar and the ranges of a recording; bursts that only its facts state are added."""
+    """Return radar and ranges of a recording; bursts that only its facts state are added."""
     radar, pulses = recording.radar, int(recording.facts.get("burst_pulses", 1))
     if pulses > 1 and radar.burst_pulses is None and recording.n_pulses > pulses:
         period_s = max(float(np.median(np.diff(recording.slow_time_s[::pulses]))), pulses / radar.prf_hz)

@@ -70,7 +70,7 @@ def place_frames(
 
 
 def check_carrier(preset: str | Path, own: Radar, carrier_hz: float | None) -> None:
-    """Refuse a preset whose carrier contradicts the one that a recording states (:class:`ConfigError`)."""
+    """Refuse a preset whose carrier contradicts a recording's (:class:`ConfigError`)."""
     if carrier_hz is not None and not 0.5 < carrier_hz / own.carrier_hz < 2.0:
         raise ConfigError(f"carrier_hz = {carrier_hz:g} is that of another radar than {preset}: {own.carrier_hz:g}")
 

@@ -66,7 +66,7 @@ COHERENT = 0.4
 MOVING_DB = 15.0
 """Minimum power over the noise, dB, of motion in a window that is used for the I/Q image."""
 ONE_WAY = 0.5
-"""Minimum difference of approaching and receding power in such a window, relative to their sum (5 dB)."""
+"""Minimum difference of approaching and receding power in such a window over their sum (5 dB)."""
 
 
 L = TypeVar("L")
@@ -171,7 +171,7 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
     rest, taken = _remove_common_phase(samples, bad)
     windows = _split_windows(rest, window)
     good = ~_split_windows(bad, window).any(axis=1)
-    if good.sum() < MIN_WINDOWS:  # clipped nearly everywhere: a biased estimate is kept, with this reason
+    if good.sum() < MIN_WINDOWS:  # clipped nearly everywhere: a biased estimate, with this reason
         refused["noise"] = f"fewer than {MIN_WINDOWS} windows without clipped, blank or repeated samples"
         good = np.ones(len(windows), dtype=bool)
     f_hz, power, spectrum = compute_windowed_power(windows[good], recording.radar.prf_hz)

@@ -147,7 +147,7 @@ def fit_gain(
             if direct is not None:
                 own_db = one.estimates["direct_path_db"].value - direct.mean.value
                 own_sd = one.estimates["direct_path_db"].sd
-            own = rescale_radar(own, gain_db)  # units differ in gain, but not in the step of a counter
+            own = rescale_radar(own, gain_db)  # units differ in gain, not in a counter's step
             own = own.model_copy(update={"receiver_gain_db": own.receiver_gain_db + own_db})
             slope = find_noise_slope(own)  # E-18, E-18b
             excess_db = level.value - added_db - float(power_to_db(noise_power_v2(own)))

@@ -301,7 +301,7 @@ def estimate_noise_floor(static: StaticPart, quiet: Mask) -> NoiseFloor:
     used = by_bin[np.isfinite(by_bin)]
     weights = np.abs(correlation[1:]) ** 2
     independent = max(used.size / (1.0 + 2.0 * float(np.sum(weights))), 1.0)
-    degrees = len(steps) / 1.5  # differences of neighbouring frames share one: relative variance 1.5 / n
+    degrees = len(steps) / 1.5  # neighbouring differences share a frame: relative variance 1.5 / n
     middle = float(np.median(used)) / float(gamma.median(degrees) / degrees)
     spread = measure_scatter(used)
     least = float(np.sqrt(1.5 / len(steps))) * middle

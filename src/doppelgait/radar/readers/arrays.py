@@ -357,7 +357,7 @@ def join_parts(i: npt.NDArray[Any], q: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def list_facts(recording: Recording) -> dict[str, Any]:
-    """Return the facts that a file of a recording's values states, without those that are not known."""
+    """Return the facts that a file of a recording's values states, without unknown ones."""
     facts: dict[str, Any] = {"notes": [*recording.notes], "seed": recording.seed}
     facts |= {"noise_power_v2": recording.noise_power_v2, "snr_frame_db": recording.snr_frame_db}
     return {name: value for name, value in facts.items() if value is not None and value == value}  # not NaN

@@ -30,7 +30,7 @@ from doppelgait.radar.recording import Recording
 HEADER_BYTES = 128
 MATRIX_ELEMENT, COMPRESSED_ELEMENT = 14, 15
 CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
-"""NumPy types by class of numeric matrix; cells, structures, text and sparse matrices are not read."""
+"""NumPy types by class of matrix; cells, structures, text and sparse matrices are not read."""
 STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """NumPy types by type of data element; small integers may be stored in a shorter type than their class."""
 COMPLEX_FLAG = 0x0800
@@ -39,7 +39,7 @@ FRONT_BYTES = 4096
 
 
 class Held(NamedTuple):
-    """Variable of a file: its shape, whether it is complex (None for text, cells and the like), and how to load it."""
+    """Variable of a file: shape, whether it is complex (None for text, cells, ...), and how to load it."""
 
     shape: tuple[int, ...]
     is_complex: bool | None

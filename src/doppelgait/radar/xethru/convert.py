@@ -26,7 +26,7 @@ Kind = Literal["baseband", "rf"]
 Order = Literal["separate", "interleaved"]
 COUNTER_PERIOD = 2**32
 LARGEST_GAP = 1_000_000
-"""Maximum gap of the frame counter; after a larger jump it was restarted or is damaged, and is ignored."""
+"""Maximum gap of the frame counter; after a larger jump it is a restarted or damaged one, and ignored."""
 
 
 def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> npt.NDArray[np.int64]:

@@ -127,7 +127,7 @@ def down_convert_frames(
     mixer = np.exp(-2j * np.pi * np.mod(cycles, 1.0))
     # filter only at the starts that are kept
     result = np.empty((samples.shape[0], starts.size), dtype=np.complex64)
-    pair = np.stack([taps.real, taps.imag], axis=1)  # real products need half the operations and use BLAS
+    pair = np.stack([taps.real, taps.imag], axis=1)  # real products: half the operations, and BLAS
     step = max(1, CHUNK_SAMPLES // (starts.size * taps.size))
     for first in range(0, samples.shape[0], step):
         rows = np.asarray(samples[first : first + step], dtype=float)
