@@ -144,7 +144,7 @@ def make_echo_cases(rng, n):
     radar = [0.4, 0.05, 0.052, 0.041, 0.3]
     planes = np.zeros((2, 40, 90), np.float32)
     return [
-        Case("echo_planes", [range_m, amplitude, *radar, -5, 1, *planes, extra_rad], (9, 10), rows=(0, 1, 11)),
+        Case("echo_planes", [range_m, amplitude, *radar, *planes, extra_rad], (7, 8), rows=(0, 1, 9)),
     ]
 
 

@@ -155,7 +155,7 @@ MIN_ZEROS, ZERO_SHARE = 8, 0.01
 
 def describe_zeros(values: npt.NDArray[Any], rate_hz: float) -> list[str]:
     """Return a warning about stretches of exact zeros: lost packets, or a file that was made before it was filled."""
-    runs = find_runs(~values.any(axis=1))
+    runs = find_runs(np.asarray(~values.any(axis=1)))
     runs = runs[np.ptp(runs, axis=1) >= MIN_ZEROS]
     lengths = np.ptp(runs, axis=1)
     share = lengths.sum() / len(values)

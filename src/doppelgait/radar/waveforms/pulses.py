@@ -103,7 +103,7 @@ def _sum_echoes(scatterers: AnyTable, radar: Radar) -> Samples:
     n_pulses, sigma_m = range_m.shape[0], radar.sigma_s * SPEED_OF_LIGHT_MPS / 2.0
     geometry = radar.range_start_m, radar.bin_spacing_m, sigma_m, radar.wavelength_m, radar.transmit_phase_rad
     planes = borrow_planes((2, radar.n_range_bins, -(-n_pulses // ROW_MULTIPLE) * ROW_MULTIPLE))
-    native.echo_planes(range_m, amplitude_v, *geometry, 0, 0, planes[0], planes[1], phase_rad)
+    native.echo_planes(range_m, amplitude_v, *geometry, planes[0], planes[1], phase_rad)
     return Samples.from_planes(planes, n_pulses)
 
 
