@@ -141,9 +141,9 @@ class SeriesFit:
 
 
 def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: float = 0.0) -> SeriesFit:
-    """Fit drift, random walk and white jitter to a series: the differences have the covariance q dt I + s^2 T, T
-    tridiagonal with 2 and -1; restricted likelihood (Patterson and Thompson, Biometrika 58, 1971, 545).
-    """
+    """Fit drift, random walk and white jitter to a series by restricted likelihood."""
+    # the differences have the covariance q dt I + s^2 T, T tridiagonal with 2 and -1
+    # (Patterson and Thompson, Biometrika 58, 1971, 545)
     from scipy.fft import dst
     from scipy.optimize import minimize
 
@@ -310,9 +310,8 @@ def estimate_noise_floor(static: StaticPart, quiet: Mask) -> NoiseFloor:
 
 
 def estimate_bin_correlation(rows: ComplexArray, per_row: float) -> tuple[ComplexArray, float]:
-    """Estimate the noise correlation at a lag of l bins, and its uncertainty: a median over the bins, 0 from the first
-    insignificant lag on; ``per_row`` is the number of rows (I, N) per independent one.
-    """
+    """Estimate the noise correlation by lag and its uncertainty; ``per_row``: rows per independent one."""
+    # a median over the bins, 0 from the first insignificant lag on
     unit = rows / np.sqrt(np.maximum(np.mean(np.abs(rows) ** 2, axis=0), 1e-300))
     rho = np.ones(min(LAGS, rows.shape[1] - 1) + 1, dtype=complex)
     for lag in range(1, rho.size):
@@ -456,9 +455,9 @@ class Room:
 
 
 def fit_room(recording: Recording) -> Room:
-    """Fit y[i, n] = z_i c_n + w[i, n]: static echoes c, a complex factor z per frame (phase and gain), and white
-    noise w (E-18), which neighbouring bins may share. Targets, interference and dropped frames are left out first.
-    """
+    """Fit static echoes, phase and gain of every frame, and noise, without targets and faulty frames."""
+    # y[i, n] = z_i c_n + w[i, n]: static echoes c, a complex factor z per frame (phase and gain), and white noise w
+    # (E-18), which neighbouring bins may share
     time_s, range_m = (np.asarray(x, dtype=np.float64) for x in (recording.slow_time_s, recording.range_m))
     samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
     if range_m.size < MIN_BINS:

@@ -218,23 +218,20 @@ def sniff_arrays(path: Path, head: bytes) -> bool:
 
 @dataclass(frozen=True)
 class Parsed:
-    """Values of a file, its axes, the facts that it states, notes, and reasons why a fact is not
-    stated. ``is_timed``: the axis of times has the rate of the options.
-    """
+    """Values of a file, its axes, the facts that it states, and notes."""
 
     values: npt.NDArray[Any]
     axes: Arrays = field(default_factory=dict)
     stated: Mapping[str, Any] = field(default_factory=dict)
     notes: Sequence[str] = ()
-    hints: Mapping[str, str] = field(default_factory=dict)
-    is_timed: bool = False
+    hints: Mapping[str, str] = field(default_factory=dict)  # reasons why a fact is not stated
+    is_timed: bool = False  # the axis of times has the rate of the options
 
 
 def array_reader(name: str, **facts: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Register the reader of a format without a radar's facts: options and a TOML file of the same stem state them.
-    ``parse`` gets the options that it names, all with ``**options``; it may also return a finished recording.
-    """
+    """Register the reader of a format without a radar's facts, which options and a TOML file state."""
 
+    # ``parse`` gets the options that it names, all with ``**options``; it may also return a finished recording
     def register(parse: Callable[..., Parsed | Recording]) -> Callable[..., Parsed | Recording]:
         own = inspect.signature(parse, eval_str=True)
         first, *declared = own.parameters.values()
