@@ -71,36 +71,23 @@ void add_response(const Pulses& pulses, Index pulse, Index scatterer, const Bins
   }
 }
 
-void add_responses(Rows<const double> amplitude, Rows<const double> turns, Rows<const double> delay,
-                   Rows<const double> doppler, double first, double step, double time_bandwidth, Rows<Complex> out) {
-  const Pulses pulses(amplitude, turns, delay, doppler, out);
-  Sums<double> total(pulses.out.width);
-  for (Index pulse = 0; pulse < pulses.out.count; ++pulse) {
-    total.clear();
-    for (Index scatterer = 0; scatterer < pulses.amplitude.width; ++scatterer) {
-      add_response(pulses, pulse, scatterer, {first, step, time_bandwidth}, total);
-    }
-    for (Index n = 0; n < pulses.out.width; ++n) {
-      pulses.out[pulse][n] = Complex(static_cast<float>(total.re[n]), static_cast<float>(total.im[n]));
-    }
-  }
-}
-
 // Three rows of a table, their weights, and the complex amplitude of an echo.
 struct Tabled {
   const float* row;
   float w0, w1, w2, re, im;
 };
 
-// Responses of chirps that are longer than the frame, from a table: for every place within a bin the response at three
-// Chebyshev nodes, over all bins. Scatterers outside it, or with much Doppler, are computed.
-void add_tabled_responses(Rows<const double> amplitude, Rows<const double> turns, Rows<const double> delay,
-                          Rows<const double> doppler, double first, double step, double time_bandwidth,
-                          double largest_doppler, Rows<const float> table, Rows<Complex> out) {
+// Responses; those of chirps that are longer than the frame from a table: for every place within a bin the response at
+// three Chebyshev nodes, over all bins. Scatterers outside it, or with much Doppler, are computed, without one all.
+void add_responses(Rows<const double> amplitude, Rows<const double> turns, Rows<const double> delay,
+                   Rows<const double> doppler, double first, double step, double time_bandwidth, double largest_doppler,
+                   Rows<Complex> out, std::optional<Rows<const float>> tabled) {
   const Pulses pulses(amplitude, turns, delay, doppler, out);
+  const auto table = tabled.value_or(Rows<const float>{});
   const Index n_bins = out.width, n_scatterers = amplitude.width, n_places = table.count / 3, width = table.stride;
-  require(n_places > 0 && table.count % 3 == 0 && n_bins > 0 && table.width >= n_bins - 1 + round_up(n_bins),
-          "the table does not fit the bins");
+  require(
+      !tabled || (n_places > 0 && table.count % 3 == 0 && n_bins > 0 && table.width >= n_bins - 1 + round_up(n_bins)),
+      "the table does not fit the bins");
   const double node = std::sqrt(0.75);
   Sums<double> total(n_bins);
   Sums<float> sums(n_bins), phasors(n_scatterers);
@@ -122,7 +109,7 @@ void add_tabled_responses(Rows<const double> amplitude, Rows<const double> turns
       const double delta = pulses.doppler[pulse][scatterer];
       const double place = (pulses.delay[pulse][scatterer] - delta / time_bandwidth - first) / step;
       const double whole = std::floor(place);
-      if (!(whole >= 0.0 && whole < n_bins && std::fabs(delta) <= largest_doppler)) {
+      if (!(tabled && whole >= 0.0 && whole < n_bins && std::fabs(delta) <= largest_doppler)) {
         others.push_back(scatterer);
         continue;
       }
@@ -322,9 +309,7 @@ void add_sweep_responses(Rows<const double> ranges, Rows<const double> speeds, R
 
 void bind(nb::module_& module) {
   define(module, "add_responses", &add_responses, "amplitude", "turns", "delay", "doppler", "first", "step",
-         "time_bandwidth", "out");
-  define(module, "add_tabled_responses", &add_tabled_responses, "amplitude", "turns", "delay", "doppler", "first",
-         "step", "time_bandwidth", "largest_doppler", "table", "out");
+         "time_bandwidth", "largest_doppler", "out", "table");
   define(module, "add_sweep_responses", &add_sweep_responses, "range_m", "velocity_mps", "amplitude", "extra_phase_rad",
          "facts", "taps", "response", "turn", "out");
 }
