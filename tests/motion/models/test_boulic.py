@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models import boulic, boulic_walk, compute_boulic_points
+from doppelgait.motion.models import boulic, boulic_walk
+from doppelgait.motion.models.boulic import compute_boulic_points
 from doppelgait.motion.models.human_body import POINTS
 from walking_body import BONES
 

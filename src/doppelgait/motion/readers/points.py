@@ -444,16 +444,6 @@ def take_subject(path: Path, position_m: FloatArray, body: BodyPoints) -> tuple[
     )
 
 
-@dataclass(frozen=True)
-class LengthUnit:
-    """Length unit of the points of a file. Shapes: each (K, 1)."""
-
-    name: str
-    metres: float
-    source: str = ""
-    each: FloatArray | None = None
-
-
 MIN_FRAMES = 3
 MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 10_000.0
 
@@ -655,8 +645,8 @@ def connect_kept(parents: Sequence[int], kept: Sequence[int]) -> list[int]:
 
 def find_skeleton_unit(
     path: Path, body: BodyPoints, parents: Sequence[int], position: FloatArray, unit: str | float | None, unit_from: str
-) -> LengthUnit:
-    """Return the stated length unit, or guess it. Shapes: position (T, J, 3)."""
+) -> tuple[str, float, str]:
+    """Return the stated length unit, or guess it: name, metres and source. Shapes: position (T, J, 3)."""
     above = connect_kept(parents, body.kept)
     size = measure_skeleton(above, _measure_bone_lengths(above, position[:, body.kept]))
     species = guess_species(body.labels)
@@ -671,7 +661,7 @@ def find_skeleton_unit(
                 f"{path}: with {name} ({unit_from}) the skeleton measures {size * metres:.3g} m along its bones; usual "
                 f"are {low:g} to {high:g} m. If that is wrong, give the unit: units='cm', 'm', 'in', 'mm' or 'cmu'."
             )
-        return LengthUnit(name, metres, unit_from)
+        return name, metres, unit_from
     known = METRIC if species == "dog" else METRIC | INCHES
     fits = [name for name, metres in known.items() if low <= size * metres <= high]
     best = min(known, key=lambda name: abs(np.log(max(size, 1e-300) * known[name] / typical)))
@@ -681,4 +671,4 @@ def find_skeleton_unit(
             f"{path}: names no length unit and its skeleton measures {size:.4g} along its bones; {best} is assumed"
             f"{others}. If that is wrong, give the unit: units='cm', 'm', 'in', 'mm' or 'cmu' (1/0.45 inch)."
         )
-    return LengthUnit(best, known[best], "size of the skeleton")
+    return best, known[best], "size of the skeleton"
