@@ -25,7 +25,7 @@ def gait(speed_mps, duration_s=4.0, **options):
 def duty(motion, speed_mps):
     """Share of a stride at rest on the ground, from the laws of the two gaits."""
     if motion.facts.gait == "run":
-        return human.RUN.rest * human.run_duty_factor(speed_mps)
+        return human.RUN.rest * human.interpolate_run(human.RUN.duty, speed_mps)
     return walk_duty(speed_mps / np.sqrt(9.81 * 0.491 * 1.75))
 
 
