@@ -1,16 +1,25 @@
 """Cleaning and describing motions whose truth is known."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from doppelgait.core.errors import MotionError
 from doppelgait.motion import Motion, make_motion
-from doppelgait.motion.clean import clean_motion, filter_lowpass, find_body_centre, find_stationary_points
+from doppelgait.motion.clean import (
+    choose_cutoff_hz,
+    clean_motion,
+    filter_lowpass,
+    find_body_centre,
+    find_stationary_points,
+)
 from doppelgait.motion.describe import describe_motion
+from recorded import read_quietly
 
 RATE_HZ = 120.0
 HEIGHTS_M = np.array([1.7, 1.5, 1.0, 0.5, 0.08, 0.04, 0.04])
@@ -153,6 +162,8 @@ def test_too_little_is_refused_with_a_reason() -> None:
         clean_motion(motion_of(holed))
     with pytest.raises(MotionError, match="0 of 7 points"):
         clean_motion(motion_of(np.full((100, 7, 3), np.nan)))
+    with pytest.raises(MotionError, match=r"a coordinate is 1e\+30 m, but at most 10000 m"):
+        clean_motion(motion_of(np.where(walk() > 1.0, 1e30, walk())))
 
 
 def test_input_is_not_changed() -> None:
@@ -211,3 +222,67 @@ def test_no_frames_have_no_still_points_and_no_centre() -> None:
 def test_description_is_json() -> None:
     json.dumps(describe_motion(motion_of(walk())), allow_nan=False)
     json.dumps(describe_motion(motion_of(np.full((10, 7, 3), np.nan))), allow_nan=False)
+
+
+FINE_HZ = 250.0
+
+
+def peak_speed_mps(path: np.ndarray) -> float:
+    time = np.arange(len(path)) / FINE_HZ
+    inner = np.arange(250, len(path) - 250, 0.25) / FINE_HZ
+    return float(np.linalg.norm(CubicSpline(time, path)(inner, 1), axis=1).max())
+
+
+@pytest.mark.parametrize("frequency_hz", [3.0, 8.0, 12.0, 16.0, 40.0])
+def test_speed_of_an_oscillation_is_lowered_by_the_known_gain(frequency_hz: float) -> None:
+    """Two fourth-order passes that leave half the power at the cutoff: gain 1 / (1 + (sqrt(2) - 1) (tan / tan)^8)."""
+    time = np.arange(2000) / FINE_HZ
+    path = np.zeros((2000, 3))
+    path[:, 0] = 0.1 * np.sin(2 * np.pi * frequency_hz * time)
+    smooth = filter_lowpass(path[:, np.newaxis], rate_hz=FINE_HZ, cutoff_hz=12.0)[:, 0]
+    ratio = np.tan(np.pi * frequency_hz / FINE_HZ) / np.tan(np.pi * 12.0 / FINE_HZ)
+    gain = 1.0 / (1.0 + (np.sqrt(2.0) - 1.0) * ratio**8)
+    assert peak_speed_mps(smooth) / peak_speed_mps(path) == pytest.approx(gain, rel=2e-3)
+    np.testing.assert_allclose(smooth[200:-200], gain * path[200:-200], atol=2e-4)  # without delay
+
+
+def test_three_frames_per_period_are_needed() -> None:
+    for rate_hz, cutoff_hz, chosen_hz in ((36.0, 12.0, 12.0), (35.9, 12.0, None), (100.0, None, None)):
+        assert choose_cutoff_hz(0.0, rate_hz=rate_hz, cutoff_hz=cutoff_hz) == chosen_hz
+
+
+@pytest.mark.parametrize("rate_hz", [60.0, 120.0])
+@pytest.mark.parametrize("frame", [2, -2, 15, -15])
+def test_a_jump_near_an_end_stays_where_it_is(rate_hz, frame):
+    """The continuation of the ends must not grow: a step of 0.7 m may ring, not leave the room."""
+    t = np.arange(0, 3, 1 / rate_hz)
+    path = np.stack([1.2 * t, 0.2 * np.sin(2 * np.pi * t), 1 + 0 * t], axis=-1)[:, None]
+    path[frame if frame < 0 else slice(0, frame), :, :] += 0.7
+    smooth = filter_lowpass(path, rate_hz=rate_hz, cutoff_hz=12.0)
+    assert np.abs(smooth - path).max() < 0.7
+
+
+JUMPING = {"cmu_07_01.c3d": ["LTOE"], "cmu_16_07.c3d": ["LFIN"]}
+"""Single frames that lie 4 cm beside the path: too little for a spike, too much for a limb."""
+GOOD = (
+    "btk_coda_walk.c3d", "btk_pig_walk_full.c3d", "c3dorg_ist_walk_metres.c3d", "cmu_02_01.c3d", "cmu_07_01.c3d",
+    "cmu_07_12.c3d", "cmu_16_07.c3d", "cmu_16_08.c3d", "cmu_77_02.c3d", "cmu_82_08.c3d", "ezc3d_qualisys_walk.c3d",
+    "ktk_optitrack_walk_legs.c3d", "opensim_walking2.c3d",
+)  # fmt: skip
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", GOOD)
+def test_good_recordings_raise_no_false_alarm(shared: Path, name: str) -> None:
+    report = read_quietly(shared / "data/mocap/human/c3d" / name).report
+    assert report["swaps_repaired"] == []
+    assert [jump["point"] for jump in report["jumps"]] == JUMPING.get(name, [])
+    for reason in report["dropped"]:
+        assert not reason.startswith(("at the place of", "short-lived", "far away"))
+
+
+@pytest.mark.shared
+def test_second_names_of_the_same_markers_are_dropped(shared: Path) -> None:
+    dropped = read_quietly(shared / "data/c3d-edge-cases/phoenix_golfswing.c3d").report["dropped"]
+    doubles = {reason: names for reason, names in dropped.items() if reason.startswith("at the place of")}
+    assert doubles == {f"at the place of Channel{n}": [f"Channel{n + 8}"] for n in (807, 808, 809, 810, 823)}
