@@ -134,17 +134,6 @@ def test_footfalls_are_where_the_phase_says():
     np.testing.assert_allclose(gaps, cycle_s / 2, atol=1e-9)
 
 
-def test_varied_strides_keep_their_length_and_never_jerk():
-    varied, even = (boulic_walk(duration_s=60, stride_variation=sd, rng=np.random.default_rng(4)) for sd in (0.03, 0.0))
-    strides = np.diff(varied.facts.footfalls["right_foot"])
-    assert 0.015 < strides.std() / strides.mean() < 0.045
-    assert float(varied.position_m[-1, 0, 0]) / varied.facts.gait_frequency_hz == pytest.approx(
-        float(even.position_m[-1, 0, 0]) / even.facts.gait_frequency_hz, rel=1e-3
-    )
-    speed = np.diff(varied.positions.sel(marker="base", space="x").values) * 250
-    assert np.abs(np.diff(speed)).max() * 250 < 10
-
-
 @pytest.mark.parametrize("q", [0.0, -1.0, 3.01, float("nan")])
 def test_points_refuse_a_relative_speed_outside_the_model(q):
     with pytest.raises(ConfigError, match="relative speed"):

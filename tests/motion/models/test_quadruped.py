@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
-from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import QuadrupedConfig, quadruped_gait, quadruped_gaits
 from doppelgait.motion.models import quadruped as limbs
 from doppelgait.motion.models.quadruped_gaits import GAITS, froude_number, pick_gait, stride_length_m
@@ -126,12 +125,9 @@ LINKS = [(row[n], row[n + 2], getattr(limbs.BODY, row[n + 1])) for row in map(st
 
 
 @pytest.mark.parametrize(("name", "froude"), [(name, fr) for name in quadruped_gaits.GAITS for fr in froudes(name, 15)])
-def test_limbs_reach_bend_the_right_way_and_keep_their_lengths(name, froude):
+def test_limbs_bend_the_right_way_at_joints_fixed_to_the_trunk(name, froude):
     points, _ = closed_form(name, froude)
     for side in SIDES:
-        for a, b, length in LINKS:
-            distance = np.linalg.norm(points[f"{side}_{a}"] - points[f"{side}_{b}"], axis=1)
-            np.testing.assert_allclose(distance, length, atol=1e-12, err_msg=f"{side} {a} {b}")
         for top, joint, low, forward in (("hip", "knee", "hock", 1), ("shoulder", "elbow", "carpus", -1)):
             upper, lower = (points[f"{side}_{p}"] - points[f"{side}_{top}"] for p in (joint, low))
             # Sign of the turn from the whole limb to its upper link: forward of the line for a knee.
@@ -251,14 +247,6 @@ def test_the_tail_swings_at_its_own_frequency_and_nothing_else_depends_on_it():
     assert np.argmax(np.abs(np.fft.rfft(side_m[:-1]))) == 10
 
 
-def test_a_froude_number_sets_the_speed():
-    by_number = quadruped_gait(gait="trot", froude=1.5, withers_m=0.4, duration_s=1.0)
-    by_speed = quadruped_gait(gait="trot", speed_mps=(1.5 * 9.81 * 0.32) ** 0.5, withers_m=0.4, duration_s=1.0)
-    np.testing.assert_allclose(by_number.position_m, by_speed.position_m, atol=1e-12)
-    with pytest.raises(ConfigError, match="speed_mps or froude, not both"):
-        quadruped_gait(froude=1.0, speed_mps=2.0)
-
-
 EXTREMES = {
     "stride_variation": 0.06, "step_length_sd": 0.15, "footfall_sd": 0.04, "asymmetry": -0.05, "length_asymmetry": 0.3,
     "stride_ratio": 1.25, "trunk_ripple": 2.0, "hind_swing_peak": 1.2, "fore_swing_peak": 1.2, "neck_deg": 0.0,
@@ -307,9 +295,7 @@ def test_every_build_has_every_gait_at_every_speed_and_setting(build, name):
                     assert (speed_mps[lands : int((start_s + rest) * 200)] < 1e-6).all()
 
 
-def test_uneven_strides_need_a_generator_and_keep_the_mean_speed():
-    with pytest.raises(ConfigError, match=r"step_length_sd = 0\.05"):
-        quadruped_gait(step_length_sd=0.05)
+def test_uneven_strides_keep_the_mean_speed():
     motion = quadruped_gait(
         step_length_sd=0.05, footfall_sd=0.02, duration_s=120.0, rate_hz=50, rng=np.random.default_rng(4)
     )
@@ -415,13 +401,6 @@ def test_auto_goes_through_the_gaits_with_speed():
         motion, named = (quadruped_gait(gait=g, speed_mps=speed, duration_s=1.0) for g in ("auto", gait))
         np.testing.assert_array_equal(motion.position_m, named.position_m)
         assert motion.facts.gait == gait
-    for parameters, text in (
-        ({}, "'auto' depends on the speed: give speed_mps or froude"),
-        ({"speed_mps": 7.0}, "7 is not allowed: a dog with withers_m = 0.5 moves at 2.17 to 6.26 m/s in a gallop"),
-        ({"speed_mps": 0.1}, "moves at 0.313 to 1.4 m/s in a walk"),
-    ):
-        with pytest.raises(ConfigError, match=text):
-            quadruped_gait(gait="auto", **parameters)
 
 
 @pytest.mark.parametrize("build", quadruped_gaits.BUILDS)
@@ -450,8 +429,6 @@ def test_a_cat_walks_and_trots_as_published():
     assert 0.25 < lag < 0.5
     assert 2.0 < quadruped_gait(build="cat", gait="trot", speed_mps=1.8).facts.stride_frequency_hz < 2.5
     assert 3.0 < quadruped_gait(build="cat", gait="gallop", speed_mps=3.5).facts.stride_frequency_hz < 4.0
-    with pytest.raises(ConfigError, match=r"a cat with withers_m = 0\.25"):
-        quadruped_gait(build="cat", gait="walk", speed_mps=2.0)
 
 
 def test_asymmetry_delays_the_right_feet_and_leaves_the_left():
@@ -461,15 +438,7 @@ def test_asymmetry_delays_the_right_feet_and_leaves_the_left():
         first, second = (np.array(m.facts.footfalls[foot][:3]) for m in (plain, late))
         shift = 0.03 * period if foot.startswith("right") else 0.0
         np.testing.assert_allclose(second - first, shift, atol=1e-9)
-    assert (
-        np.ptp(
-            late.positions.sel(marker="left_hind_paw").values - plain.positions.sel(marker="left_hind_paw").values,
-            axis=0,
-        ).max()
-        == 0
-    )
-    with pytest.raises(ConfigError, match="asymmetry"):
-        quadruped_gait(asymmetry=0.2)
+    assert np.ptp(paw(late, "left_hind") - paw(plain, "left_hind"), axis=0).max() == 0
 
 
 DOGS = {
