@@ -28,7 +28,7 @@ from doppelgait.motion.skeleton import find_bones, find_parts, measure_height, m
         ("LTIB", "left_shank"), ("RSHN", "right_shank"), ("LANK", "left_shank"), ("RHEE", "right_foot"),
         ("LTOE", "left_foot"), ("Subject1:LMT5", "left_foot"), ("r heel", "right_foot"), ("L.Knee", "left_thigh"),
         ("L_FAL", "left_shank"), ("RShoulder", "torso"), ("left_toe", "left_foot"), ("base", "torso"),
-        ("", ""), ("Marker_7", ""), ("Stick", ""), ("*12", ""), ("L", ""),
+        ("", ""), ("Marker_7", ""), ("Stick", ""), ("*12", ""), ("L", ""), ("a:b:LFIN ", "left_hand"),
     ],
 )  # fmt: skip
 def test_part_of(marker: str, part: str) -> None:
@@ -45,10 +45,6 @@ def test_known_sets_are_people_with_all_parts_in_mirror_images(name: str, size: 
     assert skeleton.guess_species(markers) == "human"
     left = [(marker, part) for marker, part in zip(markers, parts, strict=True) if marker.startswith("L")]
     assert all(skeleton.find_part("R" + marker[1:]) == part.replace("left", "right") for marker, part in left)
-
-
-def test_bare_name() -> None:
-    assert skeleton.strip_subject("a:b:LFIN ") == "LFIN"
 
 
 def test_complete_set_needs_nine_tenths() -> None:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import doppelgait.motion.readers.arrays  # noqa: F401  (registers itself)
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
 from doppelgait.motion.readers.arrays import read_skeletons
@@ -122,16 +121,17 @@ def test_smpl_joints_are_those_of_the_published_order() -> None:
         assert (max(counts), set(parts.values()) <= set(HUMAN_PARTS)) == (len(parts), True)
 
 
-def test_smpl_is_refused_where_it_cannot_be(file: Path) -> None:
-    write(file, positions=smpl_body(24)[:, :23], names=None)
-    with pytest.raises(
-        MotionError, match=r"holds 23 points, not those of skeleton='smpl'; known are 'smpl' \(22 or 24\)"
-    ):
-        read(file, clean=False, skeleton="smpl")
-    with pytest.raises(MotionError, match="skeleton='bones' is not allowed"):
-        read(file, clean=False, skeleton="bones")
-    with pytest.raises(MotionError, match=r"names its points \(names\); leave out skeleton"):
-        read(write(file), clean=False, skeleton="smpl")
+@pytest.mark.parametrize(
+    ("names", "skeleton", "says"),
+    [
+        (None, "smpl", r"holds 16 points, not those of skeleton='smpl'; known are 'smpl' \(22 or 24\)"),
+        (None, "bones", "skeleton='bones' is not allowed"),
+        (NAMES, "smpl", r"names its points \(names\); leave out skeleton"),
+    ],
+)
+def test_smpl_is_refused_where_it_cannot_be(file: Path, names: list[str] | None, skeleton: str, says: str) -> None:
+    with pytest.raises(MotionError, match=says):
+        read(write(file, names=names), clean=False, skeleton=skeleton)
 
 
 @pytest.mark.parametrize(
