@@ -12,7 +12,7 @@ import numpy as np
 from doppelgait.core.errors import warn_caller
 from doppelgait.motion.clean import NOISE_MPS, velocity_error_mps
 from doppelgait.motion.gait import is_quadruped, measure_gait, measure_travel
-from doppelgait.motion.motion import GRAVITY_MPS2, Motion, make_motion
+from doppelgait.motion.motion import GRAVITY_MPS2, Motion
 from doppelgait.motion.segments import crop, find_segments
 from doppelgait.motion.skeleton import (
     LEG_SHARE,
@@ -135,10 +135,7 @@ def _check_stride(motion: Motion) -> str:
         return ""
     # at a rate that is wrong by a factor of several, no steps are measured; segments have the speeds of gaits
     for tried in TRIED_FACTORS if part is motion else (1.0,):
-        changed = make_motion(
-            part.position_m, rate_hz=tried * part.rate_hz, markers=part.markers, parts=part.parts, facts=part.facts
-        )
-        gait = measure_gait(changed)
+        gait = measure_gait(part.remake(part.position_m, part.facts, rate_hz=tried * part.rate_hz))
         stride_hz = gait.stride_frequency_hz / tried
         if stride_hz > 0 and (tried == 1.0 or gait.gait):
             break

@@ -158,27 +158,6 @@ def test_the_trunk_moves_more_or_less(name):
     assert ripple_m(0.5) < 0.85 * ripple_m(1.0) < 0.85 * 0.85 * ripple_m(2.0)
 
 
-@pytest.mark.parametrize("build", quadruped_gaits.BUILDS)
-@pytest.mark.parametrize("name", quadruped_gaits.GAITS)
-def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, build):
-    build = quadruped_gaits.BUILDS[build]
-    lengths = build.limbs * np.repeat([limbs.BODY.humerus + limbs.BODY.forearm, limbs.BODY.femur + limbs.BODY.tibia], 2)
-    for froude in froudes(name, 12):
-        gait, *_ = settings(name, froude, build.withers_m, build)
-        phase = PHASE[::4]
-        points, stride = closed_form(name, froude, phase, build=build)
-        batch = phase[None], stride * phase[None], Columns([gait]), Columns([build]), stride
-        standing, _, _ = limbs.compute_trunk_motion(*batch)
-        x, height = limbs.TRUNK_POINTS["rump"]
-        ((lowered,),) = limbs.place_on_trunk(make_column([build.trunk * x]), 0.0, height, standing, Columns([build]))
-        lowered -= points["rump"]
-        np.testing.assert_allclose(lowered, [[0.0, 0.0, lowered[0, 2]]] * phase.size, atol=1e-12)
-        assert -1e-12 <= lowered[0, 2] <= limbs.BODY.deepest_crouch + 1e-12
-        spans = [np.linalg.norm(points[f"{s}_shoulder"] - points[f"{s}_carpus"], axis=1).max() for s in SIDES]
-        spans += [np.linalg.norm(points[f"{s}_hip"] - points[f"{s}_hock"], axis=1).max() for s in SIDES]
-        assert (np.array(spans) / lengths).max() <= limbs.BODY.straight[1]
-
-
 def test_a_joint_at_the_trunk_gives_only_where_a_limb_would_not_reach_or_fold_up():
     top = np.array([[0.0, 0.0, 0.9], [0.3, 0.0, 1.1], [0.0, 0.0, 0.2]])
     bottom, before = np.zeros((3, 3)), top.copy()
