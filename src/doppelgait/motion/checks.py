@@ -31,7 +31,7 @@ LIES = 0.3
 """Smallest height of the head of a person who stands, sits or crawls, relative to the stature."""
 UNITS_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 HIP_SHARE, WITHERS_SHARE = 0.53, 0.8
-"""Height of the hips over stature (Drillis and Contini 1966), and over the height of the withers."""
+"""Height of the hips over stature (Drillis and Contini 1966), and over that of the withers."""
 SIMILARITY, SIMILARITY_POWER = 2.5, 0.3
 """Stride length over hip height is 2.5 Fr^0.3 in people and cursorial animals (Alexander 1976, and Jayes 1983)."""
 TIME_FACTOR, PERSON_TIME_FACTOR, UNSURE_TIME_FACTOR = 2.5, 1.8, 3.0

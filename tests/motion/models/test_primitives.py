@@ -3,7 +3,7 @@ import pytest
 
 from doppelgait.motion.models import breathing_person, curtain, fan, moving_point, pendulum, robot_vacuum, rotor
 from doppelgait.motion.models.human_body import LENGTHS, POINTS
-from doppelgait.motion.models.primitives import DUTY, crawling_person
+from doppelgait.motion.models.primitives import CRAWL, crawling_person
 
 INDEX = {name: n for n, name in enumerate(POINTS)}
 
@@ -77,8 +77,8 @@ def test_a_crawler_keeps_its_segments_and_its_limbs_stand_still():
     stride_s = 0.85 / motion.facts.stride_frequency_hz  # of a stride faster than the mean
     for limb, landings in motion.facts.footfalls.items():
         path = motion.position_m[:, INDEX[limb]]
-        for landed in [t for t in landings if t + DUTY * stride_s < 6]:
-            still = (motion.time_s >= landed) & (motion.time_s <= landed + DUTY * stride_s)
+        for landed in [t for t in landings if t + CRAWL.duty * stride_s < 6]:
+            still = (motion.time_s >= landed) & (motion.time_s <= landed + CRAWL.duty * stride_s)
             assert np.ptp(path[still, :2], axis=0).max() < 1e-9, limb
             assert path[still, 2].max() < 0.03 * 1.75, limb
 

@@ -243,8 +243,8 @@ def compute_boulic_points(
     offset_scale_m: Values,
     offset_signs: npt.ArrayLike = "continuous",
 ) -> FloatArray:
-    """Return the walker's points without forward motion (Boulic et al. 1990; Chen 2011), (n, 17, 3), m."""
-    # the origin is the base of the average spine; k, the unit of the body's offsets, is L in consistent units
+    """Return the points in place (Boulic et al. 1990; Chen 2011), (n, 17, 3), m."""
+    # the origin is the base of the average spine; the unit k of offsets is L in consistent units
     p, q = np.atleast_1d(np.asarray(phase, dtype=float)), relative_speed
     for each in np.ravel(q):
         if not 0 < each <= TOP_RELATIVE_SPEED * (1 + 1e-9):

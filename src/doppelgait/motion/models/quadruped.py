@@ -123,7 +123,7 @@ def compute_trunk_motion(
     phase: FloatArray, distance: FloatArray, gait: Columns, build: Columns, stride: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the trunk at standing height, and the swings of neck and tail."""
-    # the trunk has (x, y, roll, yaw, rise) of its hind and fore girdle, (2, 5, B, n), angles in degrees
+    # the trunk has (x, y, roll, yaw, rise) of hind and fore girdle, (2, 5, B, n), in degrees
     *girdles, neck, tail = join_trunk_curves(gait.curves, gait.touchdown)(phase)
     trunk = np.array(girdles).reshape(2, 5, *phase.shape)
     trunk[:, :4] *= gait.ripple

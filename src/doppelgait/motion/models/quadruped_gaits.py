@@ -138,7 +138,7 @@ def fit_gait_to_build(
     if name == "walk":
         touchdown |= {f"{side}_fore": touchdown[f"{side}_hind"] + build.walk_lag for side in ("left", "right")}
     touchdown |= {foot: phase + asymmetry for foot, phase in touchdown.items() if foot.startswith("right")}
-    # the duty factor is that of a dog at the same Froude number: who has shorter strides has shorter swings
+    # the duty factor is a dog's at the same Froude number: who has shorter strides has shorter swings
     ratio = build.stride.get(name, 1.0)
     hind = replace(gait.hind, swing=ratio, swing_peak=hind_peak)
     fore = replace(gait.fore, swing=ratio, swing_peak=fore_peak)

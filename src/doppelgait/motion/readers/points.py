@@ -548,7 +548,7 @@ def choose_up_axis(
 
 
 def has_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
-    """Return True if the first frame is a rest pose. Shapes: root_rotation (T, k); position (T, J, 3)."""
+    """Return True if a rest pose is first. Shapes: root_rotation (T, k); position (T, J, 3)."""
     # conversions of the CMU database have one
     if len(position) < 3 or root_rotation[0].any() or not root_rotation[1].any():
         return False
@@ -582,7 +582,7 @@ def pick_joints(path: Path, names: Sequence[str], parents: Sequence[int], positi
     if 2 * len(bones) > len(names):
         others = set(range(len(names))) - set(bones)
         reasons |= {j: "rig helper (no b_ bone)" for j in sorted(others - set(reasons))}
-    # the root, if it is no joint of the body: one child at a distance, and it never moves or is so named
+    # the root, if no joint of the body: one child at a distance, and it never moves or is so named
     children = [j for j, parent in enumerate(parents) if parent == 0 and j not in reasons]
     if len(children) == 1 and len(names) >= 3 and 0 not in reasons:
         root, child = position[:, 0], position[:, children[0]]
@@ -646,7 +646,7 @@ def connect_kept(parents: Sequence[int], kept: Sequence[int]) -> list[int]:
 def find_skeleton_unit(
     path: Path, body: BodyPoints, parents: Sequence[int], position: FloatArray, unit: str | float | None, unit_from: str
 ) -> tuple[str, float, str]:
-    """Return the stated length unit, or guess it: name, metres and source. Shapes: position (T, J, 3)."""
+    """Return name, metres and source of the stated unit, or guess it. Shapes: position (T, J, 3)."""
     above = connect_kept(parents, body.kept)
     size = measure_skeleton(above, _measure_bone_lengths(above, position[:, body.kept]))
     species = guess_species(body.labels)
