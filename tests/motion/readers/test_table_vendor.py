@@ -1,5 +1,6 @@
 """Exports of motion-capture programs and TRC: the same body from every program, and what is missing or damaged."""
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,12 @@ from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
 from motion_files import BODY_M, RATE_HZ, TEXTS, Text, anipose, deeplabcut, motive, nexus, opensim, qualisys, visual3d
 from walking_body import NAMES, walking_body, y_up
+
+MOTIVE = motive("1.23", "Meters", 1.0)
+
+
+def edit(write: Text, pattern: str, new: str, count: int = 0) -> Text:
+    return lambda body: re.sub(pattern, new, write(body), count=count)
 
 
 @pytest.mark.parametrize("name", TEXTS)
@@ -33,40 +40,16 @@ def test_exports_give_the_same_motion(tmp_path: Path, name: str) -> None:
         ("csv", deeplabcut(individuals=True), {"units": "m", "rate_hz": 9.0, "subject": "Eva"}, r"no subject 'Eva'"),
         ("csv", anipose, {}, r"no column of times .*rate_hz=.*units="),
         ("tsv", qualisys(kind="6D"), {}, "holds rigid bodies; export the 3D data of the markers"),
-        (
-            "tsv",
-            lambda body: qualisys()(body).replace("LFHD\t", ""),
-            {},
-            r"line \d+ has 48 cells; its header names 45 columns",
-        ),
-        ("csv", lambda body: nexus(",", around=True)(body).replace("Trajec", "Histor"), {}, "no block Trajectories"),
-        (
-            "csv",
-            lambda body: "\n".join(
-                nexus(",", around=False)(body).split("\n")[:20] + nexus(",", around=False)(body).split("\n")[21:]
-            ),
-            {},
-            "the time steps by",
-        ),
+        ("tsv", edit(qualisys(), "LFHD\t", ""), {}, r"line \d+ has 48 cells; its header names 45 columns"),
+        ("csv", edit(nexus(",", around=True), "Trajec", "Histor"), {}, "no block Trajectories"),
+        ("csv", edit(nexus(",", around=False), "\n316,.*", ""), {}, "the time steps by"),
         ("sto", opensim("{name}_flexion{axis}"), {}, "no positions; let OpenSim report the marker locations"),
         ("sto", opensim("{name}_{axis}", "BodyVelocities"), {}, "holds BodyVelocities .* no positions"),
-        (
-            "csv",
-            lambda body: motive("1.23", "Meters", 1.0)(body) + "41\r\n",
-            {},
-            r"line \d+ has 1 cells; its header names 50",
-        ),
-        ("txt", lambda body: visual3d(body).replace("TARGET", "ANALOG"), {}, "positions are TARGET and LANDMARK"),
-        ("txt", lambda body: visual3d(body).replace("a.c3d", "b.c3d", 1), {}, "holds 2 recordings"),
-        ("csv", lambda body: motive("1.23", "Meters", 1.0, kind="Bone")(body).replace("Global", "Local"), {}, "Global"),
-        (
-            "csv",
-            lambda body: (
-                motive("1.23", "Meters", 1.0)(body).replace("Jim:L", "Unlabeled 1").replace("Jim:", "Unlabeled 2")
-            ),
-            {},
-            "a body needs 3 named points",
-        ),
+        ("csv", edit(MOTIVE, r"\Z", "41\r\n"), {}, r"line \d+ has 1 cells; its header names 50"),
+        ("txt", edit(visual3d, "TARGET", "ANALOG"), {}, "positions are TARGET and LANDMARK"),
+        ("txt", edit(visual3d, "a.c3d", "b.c3d", 1), {}, "holds 2 recordings"),
+        ("csv", edit(motive("1.23", "Meters", 1.0, kind="Bone"), "Global", "Local"), {}, "Global"),
+        ("csv", edit(MOTIVE, "Jim:", "Unlabeled 1"), {}, "a body needs 3 named points"),
     ],
 )
 def test_what_is_missing_has_one_clear_error(

@@ -66,7 +66,7 @@ MEASURED_SPEEDS = {"walk": (0.18, 0.350, 0.59), "run": (0.93, 1.111, 1.22)}
 SLOWEST_ARMS = 0.3
 """Dimensionless speed below which the arms swing alike."""
 DUTY = (0.533, 0.021)
-"""Share of a walker's cycle with a foot on the floor (0.62 with the toe), and slope."""
+"""Share of a walker's cycle with a foot on the floor (force plates, with toe: 0.62), and slope."""
 
 
 def make_measured_curve(
