@@ -34,21 +34,17 @@ UP = np.array([0.0, 0.0, 1.0])
 SWING_M = np.array([0.0, 0.0, 0.0, 0.1, 0.2, 0.3, -0.3])
 
 
-def walk(
-    *, n_frames: int = 480, speed_mps: float = 1.2, rate_hz: float = RATE_HZ, stride_hz: float = 0.9
-) -> np.ndarray:
-    time = np.arange(n_frames)[:, None] / rate_hz
+def walk(*, n_frames: int = 480, speed_mps: float = 1.2, stride_hz: float = 0.9) -> np.ndarray:
+    time = np.arange(n_frames)[:, None] / RATE_HZ
     x = speed_mps * time + SWING_M * np.sin(2 * np.pi * stride_hz * time)
     z = HEIGHTS_M + 0.03 * np.sin(4 * np.pi * stride_hz * time)
     return np.stack([x, np.zeros_like(x), z], axis=2)
 
 
-def motion_of(position: np.ndarray, *, rate_hz: float = RATE_HZ, parts: list[str] | None = None) -> Motion:
-    parts = PARTS if parts is None else parts
-    names = [f"m{i}" for i in range(position.shape[1])]
-    return make_motion(
-        position, rate_hz=rate_hz, markers=names, parts=parts, facts={"source": "walk.c3d", "kind": "recording"}
-    )
+def motion_of(position: np.ndarray, parts: list[str] = PARTS, names: list[str] | None = None) -> Motion:
+    names = names or [f"m{i}" for i in range(position.shape[1])]
+    facts = {"source": "walk.c3d", "kind": "recording"}
+    return make_motion(position, rate_hz=RATE_HZ, markers=names, parts=parts, facts=facts)
 
 
 def test_a_complete_motion_keeps_everything_but_the_floor() -> None:
@@ -294,16 +290,12 @@ def test_second_names_of_the_same_markers_are_dropped(shared: Path) -> None:
     assert doubles == {f"at the place of Channel{n}": [f"Channel{n + 8}"] for n in (807, 808, 809, 810, 823)}
 
 
-def person(speed_mps: float = 1.4, *, rate_hz: float = RATE_HZ, duration_s: float = 3.0) -> Motion:
-    return boulic_walk(speed_mps=speed_mps, height_m=1.75, duration_s=duration_s, rate_hz=rate_hz)
+def person(speed_mps: float = 1.4) -> Motion:
+    return boulic_walk(speed_mps=speed_mps, height_m=1.75, duration_s=3.0, rate_hz=RATE_HZ)
 
 
 def noise(shape: tuple[int, ...], sd_m: float = 0.002, seed: int = 7) -> np.ndarray:
     return np.random.default_rng(seed).normal(0.0, sd_m, shape)
-
-
-def recording(position: np.ndarray, names: list[str], parts: list[str], *, rate_hz: float = RATE_HZ) -> Motion:
-    return make_motion(position, rate_hz=rate_hz, markers=names, parts=parts, facts={"kind": "recording"})
 
 
 @pytest.mark.parametrize(
@@ -401,7 +393,7 @@ def test_each_useless_point_goes_for_its_own_reason() -> None:
     assert find_useless_points(position, names, parts) == {
         17: f"at the place of {names[4]}", 18: "short-lived unknown point", 19: "far away from the body"
     }  # fmt: skip
-    clean = clean_motion(recording(position, names, parts))
+    clean = clean_motion(motion_of(position, parts, names))
     assert clean.report["dropped"] == {
         f"at the place of {names[4]}": ["a_double"],
         "short-lived unknown point": ["short"],
@@ -443,7 +435,7 @@ def spoilt() -> Motion:
     position[200:207, 9] = np.nan
     position[:50, [2, 10]] = np.nan
     position[250:, 13, 1] += 0.1
-    return recording(position, [*names, "double"], [*walk.parts, ""])
+    return motion_of(position, [*walk.parts, ""], [*names, "double"])
 
 
 def test_one_of_every_fault_is_reported_with_its_place() -> None:
@@ -492,5 +484,5 @@ def test_cleaning_goes_with_the_place_and_the_heading() -> None:
 )
 def test_report_says_how_many_parts_are_known(parts: list[str], said: str) -> None:
     walk = person()
-    motion = recording(walk.position_m[:, [0, 2, 14]], ["a", "b", "c"], parts)
+    motion = motion_of(walk.position_m[:, [0, 2, 14]], parts)
     assert clean_motion(motion).report["parts"] == said

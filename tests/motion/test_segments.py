@@ -183,10 +183,6 @@ class Pair:
     segment: Segment | None
 
 
-def _motion(shared: Path, file: str, *, clean: bool = False) -> Motion:
-    return read_quietly(shared / "data" / "mocap" / file, clean=clean)
-
-
 def _overlap(row: dict[str, str], segment: Segment) -> float:
     start, stop = (float(row[key]) / float(row["frame_rate_hz"]) for key in ("start_frame", "end_frame"))
     both = min(stop, segment.stop_s) - max(start, segment.start_s)
@@ -199,7 +195,7 @@ def _pairs(shared: Path, kind: str) -> tuple[Pair, ...]:
         rows = [row for row in csv.DictReader(file) if row["class"] == kind and row["file"].endswith((".c3d", ".bvh"))]
     found: dict[str, list[Segment]] = {}
     for name in {row["file"] for row in rows}:
-        motion = _motion(shared, name)
+        motion = read_quietly(shared / "data" / "mocap" / name, clean=False)
         found[name] = find_segments(motion, limits=QUADRUPED if kind == "rat" else None)
     pairs = []
     for row in rows:
