@@ -47,9 +47,8 @@ EXPORTERS: Group[Exporter] = Group("exporter", built_in=("doppelgait.dataset.exp
 """Export formats of datasets. Facts of an exporter: ``allowed``, the fields that it supports (by default
 all); ``default``, those that are written if none are named (all stored ones); ``least``, their minimum number (0)."""
 
-# a further field of every dataset with signatures
 PICTURE_FIELD = {"dims": ["picture_velocity", "picture_time"], "units": "1", "dtype": "float32", "hop": 1}
-PICTURE_FIELD |= {"patch": PATCH.model_dump()}
+PICTURE_FIELD |= {"patch": PATCH.model_dump()}  # of every dataset with signatures
 
 
 @dataclass(frozen=True)
@@ -477,7 +476,8 @@ def write_sigmf_folder(dataset: Dataset, folder: Path, fields: Fields, parameter
     """Write the baseband of every scene as a SigMF recording.
     Files are ``SPLIT/SCENE.sigmf-meta`` and ``.sigmf-data``; targets are annotations.
     """
-    description = dataset.description
+    description, axes = dataset.description, ("centre_range_m", "centre_velocity_mps", "centre_aspect_rad")
+    unknown: dict[str, Any] = dict.fromkeys(axes, np.empty(0))
     for split, rows in iterate_splits(dataset):
         (folder / split).mkdir()
         scenes = dataset.index["scene_id"].iloc[rows]
@@ -490,7 +490,7 @@ def write_sigmf_folder(dataset: Dataset, folder: Path, fields: Fields, parameter
                 TargetTruth(
                     label=example.label,
                     scatterers=xr.Dataset(),
-                    **dict.fromkeys(("centre_range_m", "centre_velocity_mps", "centre_aspect_rad"), np.empty(0)),
+                    **unknown,
                     gait=example.row.get("truth_gait") or "",
                     subject=example.row.get("subject") or "",
                     motion=example.row.get("motion_kind") or "",
