@@ -243,7 +243,7 @@ def test_every_weight_has_its_value():
 
 
 def recorded(*targets, seed=1, environment=()):
-    from doppelgait.pipeline.conditions import Conditions
+    from doppelgait.pipeline.radar_table import Conditions
 
     conditions = Conditions(environment=environment, impairments=[{"kind": "phase_noise", "white_rad": 0.002}])
     return simulate(Scene(list(targets)), X4, rng=rng(seed), snr_db=20.0, conditions=conditions)

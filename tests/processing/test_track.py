@@ -9,8 +9,8 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.frames import Frames
 from doppelgait.processing import Gate
-from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import Track, Tracker, track
+from doppelgait.processing.track.live import Detection, Scan
 from doppelgait.radar import Radar
 from doppelgait.radar.simulate import label_baseband
 from doppelgait.testing.tracking import compare_tracks

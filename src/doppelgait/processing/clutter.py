@@ -127,7 +127,7 @@ def remove_from_frames(
     block = min(max(round(MEDIAN_BLOCK_S * frames.slow_time.rate_hz), 1), frames.n_pulses)
     size = frames.count_tile_pulses(block)
     tile_pulses = [slice(n, min(n + size, frames.n_pulses)) for n in range(0, frames.n_pulses, size)]
-    whole = [frames.samples.read_tile(tile_pulses[0], chosen)] if frames.is_short else []  # read once
+    whole = [frames.samples.read_tile(tile_pulses[0], chosen)] if frames.is_short else []  # once
 
     def tiles() -> Iterator[Planes]:
         yield from whole or (frames.samples.read_tile(pulses, chosen) for pulses in tile_pulses)

@@ -30,10 +30,10 @@ from doppelgait.motion.retime import scale_to_height, travel_speed_mps, vary
 from doppelgait.scene.scene import DEFAULT_DURATION_S, Scene, Target
 
 BACKGROUND = -2
-"""Target number of scatterers and reflections of background bodies; reflections of targets have -1."""
+"""Target number of background bodies and their reflections; reflections of targets have -1."""
 
 GOES_ON_FRAMES = 8
-"""Frames for which a body that is away still moves: a kink of a cubic spline fades to 4e-5 over them."""
+"""Frames for which a body that is away still moves: a spline's kink fades to 4e-5 over them."""
 KEPT_BYTES = 128 * 2**20
 """Maximum size of the cache of motions, bytes: about three hundred segments of motion capture."""
 
@@ -397,7 +397,7 @@ def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
             _warnings_of[key] = [str(w.message) for w in caught if issubclass(w.category, DoppelgaitWarning)]
             for other in (w for w in caught if not issubclass(w.category, DoppelgaitWarning)):
                 warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
-            _read_before[key].position_m.setflags(write=False)  # shared by all scenes of the process
+            _read_before[key].position_m.setflags(write=False)  # all scenes share it
             while len(_read_before) > 1 and sum(one.position_m.nbytes for one in _read_before.values()) > KEPT_BYTES:
                 _warnings_of.pop(_read_before.popitem(last=False)[0], None)
         _read_before.move_to_end(key)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from doppelgait.processing.track import associate as association
+from doppelgait.processing.track import tracker as association
 
 MISS = math.log(0.1)
 
