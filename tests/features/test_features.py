@@ -72,11 +72,7 @@ def test_occupied_rows_stand_three_standard_deviations_above_the_noise_e38():
     coords = {"time": np.arange(50) / RATE_HZ, **doppler_coords(5)}
     attrs = {"n_gate_bins": 16, "wavelength_m": 0.04}
     mu = Signal.of(make_array(SIGNATURE, np.tile(mean, (50, 1)), coords, attrs), SIGNATURE)
-    evidence = Observation(
-        signature=mu, floor_v2=1.0, make_excess=lambda: mu.replace(mu.values - 1.0), n_independent=25.0,
-        main_line_hz=np.ones(50), aligned=None, cadence_parts=None, strongest_v2=None,
-        peaks_hz=None, spectrum=None, observation_s=0.4,
-    )  # fmt: skip
+    evidence = observe(mu, 1.0, np.ones(50), make_excess=lambda: mu.replace(mu.values - 1.0))
     np.testing.assert_array_equal(evidence.occupied, [False, False, True, False, True])
 
 
@@ -130,6 +126,14 @@ def test_threshold_width_is_contiguous_from_the_peak_and_interpolated_e35():
     assert measures.bandwidth_threshold_hz(np.ones(11), doppler_hz, threshold=0.04) == 10.0
 
 
+def observe(mu, floor_v2, main_line_hz, make_excess=None):
+    """A signature with what these tests ask for; nothing else is known of it."""
+    return Observation(
+        signature=mu, floor_v2=floor_v2, main_line_hz=main_line_hz, make_excess=make_excess, n_independent=25.0,
+        aligned=None, cadence_parts=None, strongest_v2=None, peaks_hz=None, spectrum=None, observation_s=0.4,
+    )  # fmt: skip
+
+
 def block_signature(low, high, floor, k=200, n_columns=100):
     """Equal power in the rows low..high of every column, over a floor."""
     values = np.full((n_columns, k), floor)
@@ -141,12 +145,7 @@ def block_signature(low, high, floor, k=200, n_columns=100):
 
 
 def envelope_width_hz(mu, floor_v2):
-    observed = Observation(
-        signature=mu, floor_v2=floor_v2, main_line_hz=np.zeros(mu.sizes["time"]),
-        make_excess=None, n_independent=25.0, aligned=None, cadence_parts=None, strongest_v2=None, peaks_hz=None,
-        spectrum=None, observation_s=0.4,
-    )  # fmt: skip
-    return observed.envelope_width_hz
+    return observe(mu, floor_v2, np.zeros(mu.sizes["time"])).envelope_width_hz
 
 
 @pytest.mark.parametrize("n_bins", [1.0, 1.37, 4.0])

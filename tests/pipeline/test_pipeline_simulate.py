@@ -1,15 +1,19 @@
 """The chain from a scene to features: what the gates need, at which hop, and what is refused."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from doppelgait.core.errors import ConfigError, MotionError, RecordingError
+from doppelgait.core.frames import SlowTime
 from doppelgait.core.rng import rng
-from doppelgait.motion import boulic_walk, quadruped_gait
+from doppelgait.core.samples import Samples
+from doppelgait.motion import boulic_walk, quadruped_gait, read
 from doppelgait.pipeline import Conditions, analyze, parse_run, run_simulation, simulate
-from doppelgait.processing import Analysis
+from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.signature import make_gated_transform
 from doppelgait.radar import Radar, write_recording
 from doppelgait.scene import Scene, Target
 
@@ -64,11 +68,6 @@ def test_a_data_matrix_that_cannot_fit_is_refused():
 
 def test_noise_reaches_every_cell_that_the_signature_reads():
     """Of all pulses and bins, those not declared needed may hold anything."""
-    from doppelgait.core.frames import SlowTime
-    from doppelgait.core.samples import Samples
-    from doppelgait.processing import Gate
-    from doppelgait.processing.signature import make_gated_transform
-
     slow_time_s, range_m = np.arange(700) / 1000.0, 1.0 + 0.05 * np.arange(60)
     gate = Gate.around(slow_time_s, 3.5 - 1.7 * slow_time_s, span_m=0.9, source="given")
     for analysis in (Analysis(), Analysis(hop=1), Analysis(method="liland2018")):
@@ -138,3 +137,68 @@ def test_a_motion_by_path_is_that_of_the_table():
     assert Target("boulic").motion == {"kind": "boulic"}
     with pytest.raises(MotionError, match=r"walk\.c3d"):
         simulate(Scene([Target("walk.c3d", range_m=3.0)], duration_s=1.0), X4)
+
+
+FRAME_RATE_HZ = 120.0
+WALKS = {
+    "human/c3d/cmu_07_01.c3d": {},
+    "human/c3d/cmu_02_01.c3d": {},
+    # the straight stretch of a recording in which the person first stands for eight seconds
+    "human/c3d/cmu_82_08.c3d": {"start_s": 1158 / FRAME_RATE_HZ, "stop_s": 1596 / FRAME_RATE_HZ},
+}
+
+
+@pytest.fixture(scope="module")
+def segments(shared):
+    with (shared / "data" / "mocap" / "segments.csv").open() as handle:
+        return {row["file"]: row for row in csv.DictReader(handle) if row["file"] in WALKS}
+
+
+@pytest.fixture(scope="module", params=list(WALKS))
+def walk(request, shared, segments):
+    motion = read(shared / "data" / "mocap" / request.param, **WALKS[request.param])
+    recording = simulate(Scene([Target(motion, label="human")]), Radar.preset("x4"))
+    return recording, analyze(recording, gate="truth")[0], segments[request.param]
+
+
+def torso_speed_mps(recording, result):
+    """Approach of the mean range of the torso markers over the observed frames: the way over the time."""
+    rows = recording.truth[0].scatterers
+    torso = rows["range"].values[:, rows.coords["part"].values == "torso"].mean(axis=1)
+    times = rows.coords["slow_time"].values
+    observed = result.signature.coords["time"].values
+    first_m, last_m = np.interp(observed[[0, -1]], times, torso)
+    return (first_m - last_m) / (observed[-1] - observed[0])
+
+
+@pytest.mark.shared
+def test_torso_velocity_follows_the_torso_markers(walk):
+    recording, result, segment = walk
+    velocity = result.features.torso_velocity_mps
+    assert velocity == pytest.approx(torso_speed_mps(recording, result), rel=0.03)
+    assert velocity == pytest.approx(float(segment["speed_mps"]), rel=0.05)
+
+
+@pytest.mark.shared
+def test_gait_frequency_is_the_step_frequency(walk):
+    _, result, segment = walk
+    assert result.gait_frequency_hz == pytest.approx(2 * float(segment["stride_hz"]), rel=0.05)
+
+
+@pytest.mark.shared
+def test_the_signature_reaches_the_fastest_foot_and_no_further(walk):
+    recording, result, _ = walk
+    fastest_hz = recording.truth[0].doppler_hz(recording.radar.wavelength_m).max()
+    mu = result.signature.values
+    doppler_hz = result.signature.coords["doppler"].values
+    assert mu[:, doppler_hz > fastest_hz + 40].max() < 1e-3 * mu.max()
+    assert mu[:, np.abs(doppler_hz - 0.9 * fastest_hz) < 20].max() > 1e-4 * mu.max()
+
+
+@pytest.mark.shared
+def test_a_receding_person_has_negative_velocity(shared):
+    motion = read(shared / "data" / "mocap" / "human/c3d/cmu_07_01.c3d")
+    recording = simulate(Scene([Target(motion, aspect_deg=180.0)]), Radar.preset("x4"))
+    result = analyze(recording, gate="truth")[0]
+    assert result.features.torso_velocity_mps == pytest.approx(-1.366, rel=0.05)
+    assert result.features.step_length_m > 0
