@@ -28,10 +28,10 @@ from doppelgait.processing.clutter import (
     clean_frames,
     measure_removed,
     predict_torso_share_removed,
+    remove_common_phase,
     remove_from_frames,
     sum_pulses,
 )
-from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.processing.config import MIN_CPI_PULSES
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.detect.maps import compute_maps, noise_factor

@@ -14,7 +14,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import sampling_rate_hz
 from doppelgait.core.units import FloatArray, arctangent, logarithm
-from doppelgait.processing.common_phase import average_blocks
+from doppelgait.processing.clutter import LEAST_WEIGHT, average_blocks
 from doppelgait.processing.normalise import compute_median_over_mean
 
 ComplexArray = npt.NDArray[np.complex128]
@@ -161,8 +161,6 @@ def compute_displacement(values: ComplexArray, *, wavelength_m: float) -> tuple[
 
 APART_M = 0.75
 """Bins nearer than this to a bin are no reference for it: they may show the same body."""
-LEAST_WEIGHT = 1e3
-"""Smallest power of the static echoes over their fluctuation for a reference; the phase error is then 0.02 rad."""
 PASSES = 3
 
 

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames
-from doppelgait.processing.clutter import clean_frames
-from doppelgait.processing.common_phase import remove_common_phase
+from doppelgait.processing.clutter import clean_frames, remove_common_phase
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
 

@@ -13,8 +13,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames
 from doppelgait.core.lazy import xr
 from doppelgait.core.units import FloatArray, db_to_power
-from doppelgait.processing.clutter import remove_from_frames
-from doppelgait.processing.common_phase import remove_common_phase
+from doppelgait.processing.clutter import remove_common_phase, remove_from_frames
 from doppelgait.processing.detect.cfar import (
     MIN_TRAINING,
     count_training_cells,
@@ -53,7 +52,7 @@ def find_scans(
     wavelength_m : float
     in_phase : bool
         True if the common phase has been removed already
-        (:func:`doppelgait.processing.common_phase.remove_common_phase`).
+        (:func:`doppelgait.processing.clutter.remove_common_phase`).
 
     Returns
     -------
