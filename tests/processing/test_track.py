@@ -362,6 +362,7 @@ def test_a_second_echo_is_joined_to_the_track_that_continues_it():
 
 
 MISS = math.log(0.1)
+CHANCES = {"detection_probability": 0.9, "gate_probability": 0.99}
 
 
 def all_events(gain: np.ndarray) -> list[tuple[tuple[int, ...], float]]:
@@ -400,9 +401,7 @@ def test_gate_is_the_chi_square_quantile() -> None:
 def test_single_track_has_the_closed_form_of_pda() -> None:
     """beta_j = L_j / (1 - Pd Pg + sum L), L = Pd N / lambda (Bar-Shalom, Tse 1975)."""
     densities = np.array([[0.8, 0.1, 0.03]])
-    found = association.associate(
-        np.log(densities), detection_probability=0.9, gate_probability=0.99, clutter_density=0.05, association="jpda"
-    )
+    found = association.associate(np.log(densities), **CHANCES, clutter_density=0.05, association="jpda")
     likelihood = 0.9 * densities[0] / 0.05
     total = 1 - 0.9 * 0.99 + likelihood.sum()
     np.testing.assert_allclose(found.weights[0], [*(likelihood / total), (1 - 0.9 * 0.99) / total])
@@ -411,7 +410,7 @@ def test_single_track_has_the_closed_form_of_pda() -> None:
 
 def test_auto_is_hard_alone_and_soft_where_gates_overlap() -> None:
     alone = np.log(np.array([[0.5, 0.2]]))
-    kwargs = {"detection_probability": 0.9, "gate_probability": 0.99, "clutter_density": 0.005}
+    kwargs = {**CHANCES, "clutter_density": 0.005}
     assert association.associate(alone, **kwargs).weights.tolist() == [[1.0, 0.0, 0.0]]
     both = association.associate(np.log(np.array([[0.5], [0.4]])), **kwargs)
     assert both.assigned.tolist() == [0, -1]
@@ -421,9 +420,7 @@ def test_auto_is_hard_alone_and_soft_where_gates_overlap() -> None:
 
 
 def test_weak_detection_loses_against_none() -> None:
-    found = association.associate(
-        np.log(np.array([[1e-6]])), detection_probability=0.9, gate_probability=0.99, clutter_density=0.5
-    )
+    found = association.associate(np.log(np.array([[1e-6]])), **CHANCES, clutter_density=0.5)
     assert found.assigned.tolist() == [-1]
 
 
@@ -443,14 +440,13 @@ def test_clusters_are_the_connected_components(seed: int) -> None:
 
 
 def test_no_detections() -> None:
-    found = association.associate(
-        np.zeros((2, 0)), detection_probability=0.9, gate_probability=0.99, clutter_density=0.01
-    )
+    found = association.associate(np.zeros((2, 0)), **CHANCES, clutter_density=0.01)
     assert found.assigned.tolist() == [-1, -1]
     assert found.weights.tolist() == [[1.0], [1.0]]
 
 
 Q, DT, RANGE_SD, VELOCITY_SD = 0.75, 0.1, 0.08, 0.2
+ERRORS = {"range_sd_m": RANGE_SD, "velocity_sd_mps": VELOCITY_SD}
 START = Gaussian(5.0, 1.2, 0.04, -0.01, 0.09)
 
 
@@ -493,9 +489,7 @@ def test_steps_equal_the_matrix_form() -> None:
     np.testing.assert_allclose(predicted[:2], mean)
     np.testing.assert_allclose(kalman.make_covariance(predicted), cov)
     z, r = np.array([4.8, 1.5]), np.diag([RANGE_SD**2, VELOCITY_SD**2])
-    seen = kalman.compute_innovation(
-        predicted, range_m=4.8, velocity_mps=1.5, range_sd_m=RANGE_SD, velocity_sd_mps=VELOCITY_SD
-    )
+    seen = kalman.compute_innovation(predicted, range_m=4.8, velocity_mps=1.5, **ERRORS)
     s = cov + r
     assert seen.nis == pytest.approx((z - mean) @ np.linalg.solve(s, z - mean))
     assert seen.log_likelihood == pytest.approx(multivariate_normal(mean, s).logpdf(z))
@@ -539,9 +533,7 @@ def test_smoother_is_the_least_squares_solution() -> None:
         truth = transition @ truth + rng.multivariate_normal([0, 0], noise)
         z = truth + rng.standard_normal(2) * [RANGE_SD, VELOCITY_SD]
         before = kalman.predict(filtered[-1], model)
-        seen = kalman.compute_innovation(
-            before, range_m=z[0], velocity_mps=z[1], range_sd_m=RANGE_SD, velocity_sd_mps=VELOCITY_SD
-        )
+        seen = kalman.compute_innovation(before, range_m=z[0], velocity_mps=z[1], **ERRORS)
         predicted.append(before)
         filtered.append(kalman.update(before, seen))
     information, vector = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)

@@ -171,11 +171,6 @@ def _group_rows(bin_hz: float) -> int:
     return max(1, round(ROW_WIDTH_HZ / bin_hz))
 
 
-def sum_rows(rows: Rows) -> FloatArray:
-    """Sum neighbouring rows to about 16 Hz each."""
-    return sum_groups(rows.values, 1, min(_group_rows(rows.bin_hz), max(rows.values.shape[1], 1)))
-
-
 def detrend_rows(values: FloatArray, rate_hz: float, counted: npt.NDArray[np.bool_]) -> FloatArray:
     """Remove every row's least-squares polynomial (E-31); columns that do not count are 0."""
     # the order is round(1.2 T_o), 1 to 6; the values of counted columns are overwritten
@@ -345,7 +340,8 @@ def measure_target_rhythms(targets: Iterable[tuple[Signal, Signal, float]]) -> R
         if not counted.all():
             slow, noise = replace(slow, values=slow.values[counted]), noise[counted]
         torso_hz = torso_line_hz(slow)
-        sets = sum_rows(slow), limb_rows(slow, noise, torso_hz).values, torso_hz[:, np.newaxis]
+        summed = sum_groups(slow.values, 1, min(_group_rows(slow.bin_hz), max(slow.values.shape[1], 1)))
+        sets = summed, limb_rows(slow, noise, torso_hz).values, torso_hz[:, np.newaxis]
         rows.append([detrend_rows(values, slow.rate_hz, counted) for values in sets])
     return measure_rhythms(rows, slow.rate_hz, counted.astype(np.float64))
 

@@ -247,7 +247,7 @@ class Track:
     def change_arrays(self, change: Callable[[str, npt.NDArray[Any]], npt.NDArray[Any]], **others: Any) -> Track:
         """Apply a function of name and values to every array, and replace other fields."""
         arrays = {name: change(name, values) for name, values in vars(self).items() if isinstance(values, np.ndarray)}
-        return replace(self, **arrays, **others)
+        return replace(self, **(others | arrays))
 
     def append_track(self, later: Track) -> Track:
         """Append a later track of the same body, keeping the gap between."""

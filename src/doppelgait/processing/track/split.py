@@ -47,8 +47,8 @@ def sum_torso_profiles(clean: Frames, found: Track, *, wavelength_m: float, cpi_
     pulses = np.round((found.times_s - times_s[0]) * prf_hz - size / 2).astype(np.int64)
     pulses = np.clip(pulses, 0, times_s.size - size)
     if burst is not None:  # a track has its times in the middle of bursts
-        number = np.searchsorted(slow_time.split_bursts()[:, -1], found.times_s)
-        pulses = burst * np.minimum(number, times_s.size // burst - 1)
+        chosen = np.searchsorted(slow_time.split_bursts()[:, -1], found.times_s)
+        pulses = burst * np.minimum(chosen, times_s.size // burst - 1)
     for number, (first, centre_m, velocity_mps) in enumerate(
         zip(pulses, found.range_m, found.velocity_mps, strict=True)
     ):
