@@ -521,7 +521,7 @@ def test_features_of_other_packages_and_values_that_are_not_finite(monkeypatch):
     ],
 )
 def test_a_feature_with_wrong_facts_is_refused(facts, text):
-    with pytest.raises(ConfigError, match=f"feature 'wrong' of .*test_extended: {text}"):
+    with pytest.raises(ConfigError, match=f"feature 'wrong' of .*test_features: {text}"):
         dg.plugin("feature", "wrong", **{"unit": "1", "source": "here", **facts})(lambda observed: 1.0)
     assert "wrong" not in FEATURES
 
