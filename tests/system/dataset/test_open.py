@@ -84,13 +84,15 @@ def test_half_precision_and_hop_are_undone(mixed):
         assert np.array_equal(mixed.example(number).signature.values, values)
 
 
-def test_radar_of_a_later_class():
-    radar = {"preset": "x4", "prf_hz": {"cycle": [800, 900, 1000, 1100, 1200]}}  # by the number in the plan
-    classes = [{"label": "human", "examples": 2}, {"label": "big dog"}]
-    description = {"config": {"dataset": {"seed": 1, "examples_per_class": 3}, "classes": classes, "radar": radar}}
-    names = ["human-000000", "human-000001", "big_dog-000000", "big_dog-000001", "big_dog-000002"]
-    found = [read_radar(description, {"id": name, "scene_id": name}).prf_hz for name in names]
-    assert found == [800.0, 900.0, 1000.0, 1100.0, 1200.0]
+def test_radar_of_a_later_class_is_that_of_its_simulation():
+    table = tiny_plan().model_dump(mode="json") | {
+        "radar": {"preset": "x4", "prf_hz": {"cycle": [800, 900, 1000, 1100]}}
+    }
+    table["classes"] = [{**section, "examples": 6 - n} for n, section in enumerate(table["classes"])]
+    plan = plan_dataset(dg.dataset.PlanConfig.model_validate(table))
+    for entry in plan.examples:
+        found = read_radar({"config": table}, {"id": entry.id, "scene_id": entry.id})
+        assert found.prf_hz == plan.example(entry.number).run.radar.prf_hz
 
 
 @pytest.mark.parametrize("description", [{}, {"config": {}}, {"origin": "imported", "config": {"classes": []}}])
