@@ -278,7 +278,6 @@ def _build_one(shard: Shard, *, context: ExampleMaker, release: tuple[str, int])
 
 
 def _read_complete_record(job: Job, shard: Shard) -> Record | None:
-    """Return a complete dataset shard's record, else None."""
     state, record = find_shard(job.target, shard.name, job.header.id)
     if state != "done" or len(record["contents_sha256"]) != 64:
         return None

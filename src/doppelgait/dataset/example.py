@@ -279,7 +279,8 @@ def resolve_section(description: Mapping[str, Any], row: Mapping[str, Any], key:
     if number is None:
         return config.get(key, {})
     turn = int(str(row["scene_id"]).rpartition("-")[2])  # cycles advance within the class
-    return resolve(config.get(key, {}), seed=config["dataset"]["seed"], example=number, key=key, turn=turn)
+    seed = config["dataset"]["seed"]
+    return resolve(config.get(key, {}), seed=seed, example=number, key=key, turn=turn)
 
 
 def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> int:
