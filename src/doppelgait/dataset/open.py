@@ -16,7 +16,6 @@ import xarray as xr
 
 from doppelgait.core.config import convert_to_json, validate
 from doppelgait.core.documents import CELL_BYTES, check_cost, stat_regular
-from doppelgait.core.draws import resolve
 from doppelgait.core.errors import DatasetError, explain_memory
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.notebook import show_html, show_text
@@ -27,9 +26,9 @@ from doppelgait.dataset.example import (
     Features,
     build_feature_matrix,
     find_plan_number,
-    find_plan_place,
     label_arrays,
     read_carrier_hz,
+    resolve_section,
 )
 from doppelgait.dataset.finish import DATASET, read_description
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
@@ -214,12 +213,7 @@ class Dataset:
     def result(self, number: int) -> Result:
         """Return the result of an example with its settings; its truth is :attr:`Example.truth`."""
         example = self.example(number)
-        place = find_plan_place(self.description, example.row)
-        config = self.description.get("config") or {}
-        table = config.get("analysis", {})
-        if place is not None:
-            turn = int(str(example.row["scene_id"]).rpartition("-")[2])
-            table = resolve(table, seed=config["dataset"]["seed"], example=place, key="analysis", turn=turn)
+        table = resolve_section(self.description, example.row, "analysis")
         return example.result(validate(Analysis, table, where="dataset.json: analysis"))
 
     def stored(self, number: int, name: str) -> Array | None:
