@@ -75,8 +75,7 @@ HEADER = "  100.0\t\t  100.0\t\t   40\t\t     16\t\t mm\t  100.0\t      1\t    4
 
 
 @pytest.mark.parametrize(
-    ("tab", "point", "header"),
-    [("\t", ",", ""), (";", ",", ""), (";", ".", ""), (",", ".", ""), ("\t", ".", HEADER)],
+    ("tab", "point", "header"), [("\t", ",", ""), (";", ",", ""), (";", ".", ""), (",", ".", ""), ("\t", ".", HEADER)]
 )
 def test_decimal_commas_and_other_separators(tmp_path: Path, tab: str, point: str, header: str) -> None:
     def edit(lines: list[str]) -> None:
