@@ -131,7 +131,7 @@ def read_hdf5(path: Path) -> Recording:
             values = found if stored else found[:].astype(np.complex64)
         check_finite(path, values)
         known = {name: np.asarray(file.attrs[name], dtype=np.float64) for name in POSE if name in file.attrs}
-        pose: Any = {n: tuple(v.tolist()) if (v := known[n].reshape(POSE[n])).ndim else float(v) for n in known}
+        pose = {name: tuple(v.tolist()) if (v := known[name].reshape(POSE[name])).ndim else float(v) for name in known}
         return Recording(
             Samples(values) if rows is None else Samples.stored(found.shape, rows),
             radar,
