@@ -68,15 +68,6 @@ def test_times_must_rise_and_lie_in_the_recording(walk, start_s, stop_s, said):
         walk.between(start_s, stop_s)
 
 
-def test_truth_is_stored_compressed_and_comes_back(walk, tmp_path):
-    write_recording(walk, tmp_path / "walk.h5")
-    (read,), (truth,) = read_recording(tmp_path / "walk.h5").truth, walk.truth
-    with h5py.File(tmp_path / "walk.h5") as file:
-        assert (stored := file["truth/0/path_phase_rad"]).id.get_storage_size() < 0.5 * stored.nbytes
-    for name in ("range", "radial_velocity", "rcs", "path_phase", "aspect"):
-        np.testing.assert_array_equal(read.table[name], truth.table[name])
-
-
 def rewritten(path, walk, change):
     """The recording in a file, changed there."""
     write_recording(walk.between(0.0, 0.2), path)

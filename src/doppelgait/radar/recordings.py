@@ -41,7 +41,6 @@ TRUTH_FACTS = [fact.name for fact in fields(TargetTruth) if fact.type in ("str",
 POSE = {"radar_position_m": (3,), "radar_azimuth_deg": (), "radar_tilt_deg": ()}
 """Shapes of the attributes for position and direction of the radar."""
 STORED_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase", "aspect")
-GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 OPTIONAL_VARIABLES = ("path_gain", "path_phase", "aspect")
 
 
@@ -81,8 +80,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
                 first = np.asarray(values[0:1])
                 if name in ("rcs", "path_gain") and all((x == first).all() for _, x in read_tiles(values)):
                     values = first
-                chunks = (min(values.shape[0], 8192), 1)  # of a column: many are constant
-                _put(group, name + UNIT_SUFFIX[units], values, units, "<f8", chunks=chunks, **GZIP)
+                _put(group, name + UNIT_SUFFIX[units], values, units, "<f8")
             if (kept := vars(truth)["body"]) is not None:
                 body = Signal.of(kept, MOTION)
                 for name in ("marker", "part"):
@@ -91,9 +89,9 @@ def write_recording(recording: Recording, path: str | Path) -> None:
                 _put(group, "body_position_m", body.values.astype("<f4"), "m")
 
 
-def _put(group: Any, name: str, values: Any, units: str, dtype: Any = None, **layout: Any) -> None:
+def _put(group: Any, name: str, values: Any, units: str, dtype: str | None = None) -> None:
     """Write values (slow_time, ...), long ones tile by tile."""
-    dataset = group.create_dataset(name, values.shape, dtype or values.dtype, track_times=False, **layout)
+    dataset = group.create_dataset(name, values.shape, dtype or values.dtype, track_times=False)
     for first, tile in read_tiles(values):
         dataset[first : first + tile.shape[0]] = tile
     dataset.attrs["units"] = units
@@ -130,8 +128,10 @@ def read_hdf5(path: Path) -> Recording:
         with np.errstate(over="ignore", invalid="ignore"):  # values beyond single precision raise an error later
             values = found if stored else found[:].astype(np.complex64)
         check_finite(path, values)
-        known = {name: np.asarray(file.attrs[name], dtype=np.float64) for name in POSE if name in file.attrs}
-        pose = {name: tuple(v.tolist()) if (v := known[name].reshape(POSE[name])).ndim else float(v) for name in known}
+        numbers_of = {name: np.asarray(file.attrs[name], dtype=np.float64) for name in POSE if name in file.attrs}
+        pose = {name: values.reshape(POSE[name]).tolist() for name, values in numbers_of.items()}
+        if "radar_position_m" in pose:
+            pose["radar_position_m"] = tuple(pose["radar_position_m"])
         return Recording(
             Samples(values) if rows is None else Samples.stored(found.shape, rows),
             radar,
