@@ -103,7 +103,6 @@ def make_image_cases(rng, n):
     reflection, table = rng.standard_normal((2, 50, n)), np.ones((6, 50, 3 * n + 1))
     heights, moments = rng.standard_normal((2, 20, n))
     spline = [heights, moments, 0.1, rng.uniform(0.0, 1.9, 50)]
-    direct = rng.uniform(0.5, 3.0, (50, n + 2)), rng.standard_normal((50, n + 2))
     return [
         Case(
             "fill_images",
@@ -111,7 +110,7 @@ def make_image_cases(rng, n):
             (14, 15, 16, 17, 18, 19),
             pack=lambda a: [a[:5], a[5:10], *a[10:14], a[14:]],
         ),
-        Case("image_ranges", [*spline, *direct, 2, 0.9, n + 1, 2 * n + 1, *table[:2]], (10, 11)),
+        Case("image_ranges", [*spline, 1, 0.9, n + 1, 2 * n + 1, *table[:2]], (8, 9)),
     ]
 
 
@@ -277,8 +276,8 @@ def make_waveform_cases(rng, n):
     tables = sweep.tabulate_taps(), sweep.tabulate_half_bin_responses("hann", 128, 96)
     return [
         Case("add_tones", [amplitude, turns, delay, slopes, out], (4,), free=((4, 1),)),
-        Case("add_responses", [*echoes, 0.1, 0.009, 50.0, out], (7,), free=((7, 1),)),
-        Case("add_tabled_responses", [*echoes, 0.1, 0.009, 50.0, 1e-5, table, out], (9,), free=((9, 1),)),
+        Case("add_responses", [*echoes, 0.1, 0.009, 50.0, 1e-5, table[:0], out], (9,)),
+        Case("add_responses", [*echoes, 0.1, 0.009, 50.0, 1e-5, table, out], (9,), free=((9, 1),)),
         Case(
             "add_sweep_responses",
             [*(8.0 * table for table in echoes[:3]), turns, facts, *tables, turn, out],

@@ -132,13 +132,10 @@ class _MatchedPulse(Waveform):
         delay = range_to_delay_s(range_m) / duration_s
         time_bandwidth = _time_bandwidth(radar)
         out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
-        arguments = amplitude_v, turns, delay, doppler_hz * duration_s, first, step, time_bandwidth
-        n_bins = out.shape[1]
-        if time_bandwidth == 0.0 or n_bins * step > LONGEST_FRAME:
-            native.add_responses(*arguments, out)
-        else:
-            table = tabulate(n_bins, step, time_bandwidth)
-            native.add_tabled_responses(*arguments, DOPPLER_ERROR * time_bandwidth, table, out)
+        echoes, n_bins = (amplitude_v, turns, delay, doppler_hz * duration_s), out.shape[1]
+        is_tabled = time_bandwidth != 0.0 and n_bins * step <= LONGEST_FRAME
+        table = tabulate(n_bins, step, time_bandwidth) if is_tabled else np.empty((0, 0), dtype=np.float32)
+        native.add_responses(*echoes, first, step, time_bandwidth, DOPPLER_ERROR * time_bandwidth, table, out)
         return out
 
     def reach_m(self, radar: Radar) -> float:
