@@ -138,7 +138,7 @@ struct Transform {
   Transform(Index length, Index hop, Line<const float> window);
 
   template <int radix>
-  void first_pass(int lane);
+  [[gnu::noinline]] void first_pass(int lane);  // every one has the registers for itself
   template <int radix>
   void middle_pass(Index size);
   void last_pass(Float weight, Float* power);
