@@ -98,12 +98,7 @@ def new_planes(case: Case) -> Any:
 
 def fill_planes(case: Case, planes: Any) -> None:
     """Synthesis into planes that exist."""
-    native.echo_planes(case.range_m, case.amplitude_v, *_geometry(case.radar), 0, 0, planes[0], planes[1], None)
-
-
-def fill_matrix(case: Case, matrix: Any) -> None:
-    """Synthesis into a data matrix that exists."""
-    native.add_echoes(case.range_m, case.amplitude_v, *_geometry(case.radar), matrix, None)
+    native.echo_planes(case.range_m, case.amplitude_v, *_geometry(case.radar), planes[0], planes[1], None)
 
 
 def _geometry(radar: Radar) -> tuple[float, float, float, float, float]:

@@ -18,7 +18,7 @@ from obvious import (
     scipy_spectrogram,
     scipy_spectrogram_by_bin,
 )
-from scenario import Case, fill_matrix, fill_planes, make_radar, new_planes, prepare, scenario
+from scenario import Case, fill_planes, make_radar, new_planes, prepare, scenario
 
 from doppelgait.core.rng import rng
 from doppelgait.core.samples import Samples
@@ -103,16 +103,14 @@ def peer_work(case: Case) -> dict[str, Work]:
 
 
 def synthesis_work(case: Case, full: Case, planes: Any, full_planes: Any) -> dict[str, Work]:
-    """From motion to the noisy data matrix; planes and the reused matrix are memory that exists."""
+    """From motion to the noisy data matrix; the planes are memory that exists."""
     clean = synthesise(case.table, case.radar)
-    full_matrix = np.zeros((full.slow_time_s.size, full.radar.n_range_bins), dtype=np.complex64)
     return {
         "motion -> scatterers": lambda: assemble(case.scene, case.slow_time_s),
         "motion -> scatterers, no angles": lambda: assemble(case.scene, case.slow_time_s, angles=False),
         "synthesis, data matrix": lambda: synthesise(case.table, case.radar),
         "synthesis, planes": lambda: fill_planes(case, planes),
         "synthesis, data matrix, full rate": lambda: synthesise(full.table, full.radar),
-        "synthesis, reused matrix, full rate": lambda: fill_matrix(full, full_matrix),
         "synthesis, planes, full rate": lambda: fill_planes(full, full_planes),
         "noise, whole matrix": lambda: add_noise(clean, noise_power_v2=NOISE_V2, rng=np.random.default_rng(1)),
     }
@@ -209,9 +207,6 @@ def floor_ratios(seconds: Seconds, n_transforms: int) -> dict[str, Timing]:
             seconds["synthesis, data matrix"], seconds["floor: write planes"]
         ),
         "synthesis, planes, full rate / write floor": ratio(seconds["synthesis, planes, full rate"], full),
-        "synthesis, reused matrix, full rate / write floor": ratio(
-            seconds["synthesis, reused matrix, full rate"], full
-        ),
         "synthesis, data matrix, full rate / write floor": ratio(seconds["synthesis, data matrix, full rate"], full),
         "signature, hop 1 / flop floor": ratio(seconds["signature, hop 1"], flop_floor),
         "signature of planes, hop 1 / flop floor": ratio(seconds["signature of planes, hop 1"], flop_floor),

@@ -64,12 +64,14 @@ struct Tabled {
 // three Chebyshev nodes, over all bins. Scatterers outside it, or with much Doppler, are computed; all without a table.
 void add_responses(Rows<const double> amplitude, Rows<const double> turns, Rows<const double> delay,
                    Rows<const double> doppler, double first, double step, double time_bandwidth, double largest_doppler,
-                   Rows<const float> table, Rows<Complex> out) {
+                   Rows<Complex> out, std::optional<Rows<const float>> tabled) {
+  const auto table = tabled.value_or(Rows<const float>{});
   const Pulses pulses = {amplitude, turns, delay, doppler, first, step, time_bandwidth, out};
   const Index n_bins = out.width, n_scatterers = amplitude.width, n_places = table.count / 3, width = table.stride;
   require_shape(out.count, n_scatterers, "echoes and pulses do not fit", amplitude, turns, delay, doppler);
-  require(table.count == 0 || (table.count % 3 == 0 && table.width >= n_bins - 1 + round_up(n_bins)),
-          "the table does not fit the bins");
+  require(
+      !tabled || (n_places > 0 && table.count % 3 == 0 && n_bins > 0 && table.width >= n_bins - 1 + round_up(n_bins)),
+      "the table does not fit the bins");
   const double node = std::sqrt(0.75);
   Sums<double> total(n_bins);
   Sums<float> sums(n_bins), phasors(n_scatterers);
@@ -85,7 +87,7 @@ void add_responses(Rows<const double> amplitude, Rows<const double> turns, Rows<
       const double delta = doppler[pulse][scatterer];
       const double place = (delay[pulse][scatterer] - delta / time_bandwidth - first) / step;
       const double whole = std::floor(place);
-      if (!(n_places > 0 && whole >= 0.0 && whole < n_bins && std::fabs(delta) <= largest_doppler)) {
+      if (!(tabled && whole >= 0.0 && whole < n_bins && std::fabs(delta) <= largest_doppler)) {
         others.push_back(scatterer);
         continue;
       }

@@ -1,7 +1,7 @@
 // Sum of Gaussian echoes (E-18), and the way between planes and a matrix of samples.
 //
 // The sample of every frame and bin is computed by itself, from the numbers of its own frame and in the order of the
-// scatterers, so that no byte depends on how frames and bins are cut into tiles.
+// scatterers, so that no byte depends on how frames are cut into tiles.
 #include "arrays.hpp"
 
 namespace doppelgait::synthesis {
@@ -105,7 +105,7 @@ struct Split {
 };
 
 // Adds the echoes of one scatterer.
-void add_echo(const Geometry& geometry, const Split (&halves)[2 * kVectors], Index first_bin, Block& block) {
+void add_echo(const Geometry& geometry, const Split (&halves)[2 * kVectors], Block& block) {
   Double nearest = spread(1e9), farthest = spread(1e9);  // with its sign reversed
   for (const Split& half : halves) {
     nearest = half.place < nearest ? half.place : nearest;
@@ -113,8 +113,7 @@ void add_echo(const Geometry& geometry, const Split (&halves)[2 * kVectors], Ind
   }
   const Index near_bin = static_cast<Index>(std::ceil(std::max(-1e9, least(nearest)) - geometry.reach));
   const Index far_bin = static_cast<Index>(std::floor(geometry.reach - std::max(-1e9, least(farthest))));
-  const Index first = std::max<Index>(near_bin - first_bin, 0);
-  const Index stop = std::min<Index>(far_bin + 1 - first_bin, block.n_bins);
+  const Index first = std::max<Index>(near_bin, 0), stop = std::min<Index>(far_bin + 1, block.n_bins);
   if (first >= stop) return;
   block.first = std::min(block.first, first);
   block.stop = std::max(block.stop, stop);
@@ -132,7 +131,7 @@ void add_echo(const Geometry& geometry, const Split (&halves)[2 * kVectors], Ind
     bin[i] = narrow(a.bin, b.bin), rest[i] = narrow(a.place - a.bin, b.place - b.bin);
   }
   const Float cut = spread(geometry.cut), exponent = spread(geometry.exponent);
-  Float n = spread(static_cast<float>(first + first_bin));
+  Float n = spread(static_cast<float>(first));
   float *sum = block[first], *end = block[stop];
   for (; sum < end; sum += kRow, n += 1.0f) {
     for (int i = 0; i < kVectors; ++i) {
@@ -146,12 +145,12 @@ void add_echo(const Geometry& geometry, const Split (&halves)[2 * kVectors], Ind
   }
 }
 
-void fill(const Geometry& geometry, const Scatterers& all, Index first_frame, Index first_bin, Block& block) {
+void fill(const Geometry& geometry, const Scatterers& all, Index first_frame, Block& block) {
   block.clear();
   if (all.range_m.count == 0) return;
   const double *range_rows[kFrames], *amplitude_rows[kFrames], *extra_rows[kFrames];
   for (Index lane = 0; lane < kFrames; ++lane) {
-    const Index wanted = first_frame + lane, frame = std::clamp<Index>(wanted, 0, all.range_m.count - 1);
+    const Index wanted = first_frame + lane, frame = std::min<Index>(wanted, all.range_m.count - 1);
     range_rows[lane] = all.range_m[frame];
     amplitude_rows[lane] = wanted == frame ? all.amplitude[frame] : all.silence.data();
     extra_rows[lane] = all.extra_phase_rad ? (*all.extra_phase_rad)[frame] : nullptr;
@@ -169,7 +168,7 @@ void fill(const Geometry& geometry, const Scatterers& all, Index first_frame, In
         halves[k] = Split(geometry, load<Double>(range_m.at[i] + lane), load<Double>(amplitude.at[i] + lane),
                           load<Double>(extra_rad.at[i] + lane));
       }
-      add_echo(geometry, halves, first_bin, block);
+      add_echo(geometry, halves, block);
     }
   }
 }
@@ -196,22 +195,19 @@ inline void copy_frames(const float* from, Index count, float* to) {
 }
 
 void echo_planes(Plane<double> range_m, Plane<double> amplitude, double first_bin_m, double bin_spacing_m,
-                 double pulse_sigma_m, double wavelength_m, double phase_rad, Index first_frame, Index first_bin,
-                 Rows<float> re, Rows<float> im, std::optional<Plane<double>> extra_phase_rad) {
+                 double pulse_sigma_m, double wavelength_m, double phase_rad, Rows<float> re, Rows<float> im,
+                 std::optional<Plane<double>> extra_phase_rad) {
   const Scatterers scatterers(range_m, amplitude, extra_phase_rad);
   const auto geometry = make_geometry(first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad);
   require(re.count == im.count && re.width == im.width, "both planes need the same shape");
   Block block(re.count);
-  constexpr Index limit = Index{1} << 40;  // beyond all frames and bins
-  first_frame = std::clamp(first_frame, -limit, limit);
-  first_bin = std::clamp(first_bin, -limit, limit);
   // Every number is written once. Zeros are most of them: long runs are faster than blocks of frames.
   std::vector<Index> written(re.count);
   const auto write_zeros = [&](Index n, Index stop) {
     for (const auto& plane : {re, im}) std::fill(plane[n] + written[n], plane[n] + stop, 0.0f);
   };
   for (Index column = 0; column < re.width; column += kFrames) {
-    fill(geometry, scatterers, first_frame + column, first_bin, block);
+    fill(geometry, scatterers, column, block);
     const Index stop = std::min<Index>(column + kFrames, re.width);
     for (Index n = block.first; n < block.stop; ++n) {
       if (written[n] < column) write_zeros(n, column);
@@ -221,44 +217,6 @@ void echo_planes(Plane<double> range_m, Plane<double> amplitude, double first_bi
     }
   }
   for (Index n = 0; n < re.count; ++n) write_zeros(n, re.width);
-}
-
-inline void store_samples(Float parts, Index count, Complex* to) {
-  auto* numbers = reinterpret_cast<float*>(to);
-  if (count == kHalfWidth) {
-    store(numbers, parts);
-  } else {
-    std::memcpy(numbers, &parts, count * sizeof(Complex));
-  }
-}
-
-void add_echoes(Plane<double> range_m, Plane<double> amplitude, double first_bin_m, double bin_spacing_m,
-                double pulse_sigma_m, double wavelength_m, double phase_rad, Rows<Complex> matrix,
-                std::optional<Plane<double>> extra_phase_rad) {
-  const Scatterers scatterers(range_m, amplitude, extra_phase_rad);
-  const auto geometry = make_geometry(first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad);
-  Block block(matrix.width);
-  for (Index frame = 0; frame < matrix.count; frame += kFrames) {
-    fill(geometry, scatterers, frame, 0, block);
-    const Index first = block.first, stop = std::max(first, block.stop);
-    const Index used = std::min<Index>(kFrames, matrix.count - frame);
-    for (Index lane = 0; lane < used; ++lane) {
-      Complex* row = matrix[frame + lane];
-      std::fill(row, row + first, Complex());
-      std::fill(row + stop, row + matrix.width, Complex());
-    }
-    for (Index n = first; n < stop; n += kHalfWidth) {
-      const Index bins = std::min<Index>(kHalfWidth, matrix.width - n);
-      for (Index begin = 0; begin < used; begin += kWidth) {
-        Float rows[kWidth];  // real and imaginary parts of some bins in kWidth frames, then of a frame in some bins
-        for (int i = 0; i < kWidth; ++i) rows[i] = load<Float>(block[n] + i * kFrames + begin);
-        transpose(rows);
-        for (Index lane = begin; lane < std::min<Index>(begin + kWidth, used); ++lane) {
-          store_samples(rows[lane - begin], bins, matrix[frame + lane] + n);
-        }
-      }
-    }
-  }
 }
 
 // Copies samples from or to planes: a few frames for all bins, in tiles that are transposed in registers.
@@ -308,7 +266,6 @@ void split_planes(Plane<Complex> matrix, Rows<float> re, Rows<float> im) {
 
 void bind(nb::module_& module) {
   define(module, "echo_planes", &echo_planes);
-  define(module, "add_echoes", &add_echoes);
   define(module, "join_planes", &join_planes);
   define(module, "split_planes", &split_planes);
 }

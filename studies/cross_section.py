@@ -31,7 +31,7 @@ from doppelgait.motion.models.quadruped_gaits import GAITS
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.pipeline.conditions import Conditions
+from doppelgait.pipeline.radar_table import Conditions
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target, assemble
 from doppelgait.scene.rcs import RcsSpec

@@ -28,7 +28,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.motion.models import fan
 from doppelgait.motion.models.human import human_gait
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.pipeline.conditions import Conditions
+from doppelgait.pipeline.radar_table import Conditions
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import ClutterKind, predict_torso_share_removed, remove_static_clutter
 from doppelgait.processing.detect import Detector, find_scans

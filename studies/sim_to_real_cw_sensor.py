@@ -23,7 +23,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.motion.loop import loop
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.pipeline.conditions import Conditions
+from doppelgait.pipeline.radar_table import Conditions
 from doppelgait.pipeline.simulate import observe_scene
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.impairments import apply_impairments

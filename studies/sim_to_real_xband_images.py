@@ -31,7 +31,7 @@ from doppelgait.motion import make_motion
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import simulate
-from doppelgait.pipeline.conditions import Conditions
+from doppelgait.pipeline.radar_table import Conditions
 from doppelgait.pipeline.spectrogram import make_level_gate
 from doppelgait.pipeline.target import analyze_signature
 from doppelgait.processing.patches import Patch

@@ -34,8 +34,8 @@ from doppelgait.motion.motion import Motion
 from doppelgait.pipeline import simulate
 from doppelgait.processing import Gate
 from doppelgait.processing.detect.scans import find_scans
-from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import Track, Tracker, track
+from doppelgait.processing.track.live import Detection, Scan
 from doppelgait.radar import Radar, Recording, add_noise
 from doppelgait.scene import Scene, Target
 from doppelgait.testing.tracking import compare_tracks

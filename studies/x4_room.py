@@ -41,7 +41,7 @@ from scipy.special import ndtr
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import simulate
-from doppelgait.pipeline.conditions import Conditions, Noise
+from doppelgait.pipeline.radar_table import Conditions, Noise
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.fit import fit_sensor, format_preset
 from doppelgait.radar.fit.room import Room, fit_room, fit_series

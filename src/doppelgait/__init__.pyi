@@ -23,8 +23,8 @@ from doppelgait.core.rng import Streams as Streams
 from doppelgait.core.rng import rng as rng
 from doppelgait.dataset.open import open_dataset as open_dataset
 from doppelgait.pipeline.analyze import analyze as analyze
-from doppelgait.pipeline.conditions import Conditions as Conditions
-from doppelgait.pipeline.conditions import Noise as Noise
+from doppelgait.pipeline.radar_table import Conditions as Conditions
+from doppelgait.pipeline.radar_table import Noise as Noise
 from doppelgait.pipeline.result import Result as Result
 from doppelgait.pipeline.run import Run as Run
 from doppelgait.pipeline.simulate import simulate as simulate

@@ -246,17 +246,9 @@ def test_a_parameter_cannot_be_changed_in_place() -> None:
 
 
 def test_overrides_change_single_values(scene_file):
-    run = Run.from_toml(
-        scene_file(),
-        overrides=[
-            "radar.prf_hz=1300",
-            "targets.1.label=dog",
-            "analysis.gate_doppler_hz=[-100, 300]",
-            "noise.kind=none",
-            "targets.0.motion.speed_mps=0.7",
-            "analysis.hop=5",
-        ],
-    )
+    changes = ["radar.prf_hz=1300", "targets.1.label=dog", "analysis.gate_doppler_hz=[-100, 300]"]
+    changes += ["noise.kind=none", "targets.0.motion.speed_mps=0.7", "analysis.hop=5"]
+    run = Run.from_toml(scene_file(), overrides=changes)
     assert run.radar.prf_hz == 1300
     assert run.scene.targets[1].label == "dog"
     assert run.analysis.gate_doppler_hz == (-100, 300)

@@ -14,27 +14,23 @@ from doppelgait.core.config import apply_overrides, read_toml
 from doppelgait.core.documents import MAX_DEPTH, MAX_DIGITS, parse_json, parse_toml
 from doppelgait.core.errors import ConfigError
 
+DEEP = {
+    "open lists": (parse_json, "[" * 50_000),
+    "lists": (parse_json, "[" * 900 + "]" * 900),
+    "objects": (parse_json, '{"a":' * 100 + "1" + "}" * 100),
+    "open TOML lists": (parse_toml, "a = " + "[" * 5000),
+    "TOML lists": (parse_toml, "a = " + "[" * 100 + "]" * 100),
+    "tables": (parse_toml, "a = " + "{a = " * 100 + "1" + "}" * 100),
+    "dotted key": (parse_toml, ".".join(["a"] * 100_000) + " = 1"),
+    "dotted header": (parse_toml, "[" + ' . "b" . '.join(["a"] * 100_000) + "]"),
+}
 
-@pytest.mark.parametrize("text", ["[" * 50_000, "[" * 900 + "]" * 900, '{"a":' * 100 + "1" + "}" * 100])
-def test_deep_json_is_a_value_error(text: str) -> None:
+
+@pytest.mark.parametrize("name", DEEP)
+def test_deep_text_is_a_value_error(name: str) -> None:
+    parse, text = DEEP[name]
     with pytest.raises(ValueError, match="deeper than 64 levels"):
-        parse_json(text)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "a = " + "[" * 5000,
-        "a = " + "[" * 100 + "]" * 100,
-        "a = " + "{a = " * 100 + "1" + "}" * 100,
-        ".".join(["a"] * 100_000) + " = 1",
-        "[" + ' . "b" . '.join(["a"] * 100_000) + "]",
-    ],
-    ids=["open lists", "lists", "tables", "dotted key", "dotted header"],
-)
-def test_deep_toml_is_a_value_error(text: str) -> None:
-    with pytest.raises(ValueError, match="deeper than 64 levels"):
-        parse_toml(text)
+        parse(text)
 
 
 @pytest.mark.parametrize("digits", ["1" * 41, "-" + "1" * 41, "9" * 5000])

@@ -10,8 +10,7 @@ from doppelgait.core.errors import RecordingError
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import BASEBAND, make_array, replace_array_values
 from doppelgait.core.lazy import LONG_PULSES, LateRows, lazy_rows, read_pulses
-from doppelgait.processing.clutter import remove_static_clutter
-from doppelgait.processing.common_phase import remove_common_phase
+from doppelgait.processing.clutter import remove_common_phase, remove_static_clutter
 from doppelgait.radar.recordings import read_recording
 
 PRF_HZ, N_BINS = 500.0, 40

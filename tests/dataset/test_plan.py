@@ -1,7 +1,6 @@
 """The plan: distributions, splits, identity, shards; nothing is simulated."""
 
 import warnings
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Literal
 
@@ -19,7 +18,7 @@ from doppelgait.dataset import plan as planning
 from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import DatasetSection, PlanConfig, list_differences, load_plan, plan_names, shorten
 from doppelgait.dataset.finish import compute_dataset_id, plan_header, plan_plugins
-from doppelgait.dataset.resolve import warn_of_equal_bodies, warn_of_unused_snr
+from doppelgait.dataset.resolve import find_class, resolve_example, warn_of_equal_bodies, warn_of_unused_snr
 from doppelgait.dataset.verify import leakage
 
 
@@ -189,21 +188,16 @@ def test_too_few_subjects_for_a_split_are_refused():
         planning.assign_splits(section, {"dog": ["a", "b"]})
 
 
-def test_identity_follows_the_configuration_only(tmp_path):
+def test_identity_follows_the_configuration_and_the_motion_files_only(tmp_path):
     assert compute_dataset_id(plan(), tmp_path) == compute_dataset_id(plan(), tmp_path / "elsewhere")
     assert compute_dataset_id(plan(noise={"kind": "none"}), tmp_path) != compute_dataset_id(plan(), tmp_path)
-
-
-def test_identity_follows_the_motion_files(tmp_path):
-    classes = [{"label": "a", "motion": {"kind": "file", "path": {"choice": ["one.c3d", "two.c3d"]}}}]
-    (tmp_path / "one.c3d").write_bytes(b"1")
-    (tmp_path / "two.c3d").write_bytes(b"2")
-    before = compute_dataset_id(plan(classes=classes), tmp_path)
+    of_files = plan(classes=[{"label": "a", "motion": files(tmp_path, "one.c3d", "two.c3d")}])
+    before = compute_dataset_id(of_files, tmp_path)
     (tmp_path / "two.c3d").write_bytes(b"3")
-    assert compute_dataset_id(plan(classes=classes), tmp_path) != before
+    assert compute_dataset_id(of_files, tmp_path) != before
     (tmp_path / "two.c3d").unlink()
     with pytest.raises(ConfigError, match=r"two\.c3d: cannot be read"):
-        compute_dataset_id(plan(classes=classes), tmp_path)
+        compute_dataset_id(of_files, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -308,35 +302,26 @@ def files(tmp_path, *names):
     return {"kind": "file", "path": {"choice": list(names)}}
 
 
-def test_all_examples_of_a_recording_are_in_one_split_beside_draws_of_a_model(tmp_path):
-    recorded = files(tmp_path, *(f"{n}.c3d" for n in range(6)))
+def test_all_examples_of_a_recording_are_in_one_split_beside_draws_of_a_model_and_in_two_classes(tmp_path):
+    names = [f"{n}.c3d" for n in range(24)]
+    some, recorded = files(tmp_path, *names[:6]), files(tmp_path, *names)
     mixed = plan(
         dataset={"name": "small", "examples_per_class": 60},
-        classes=[{"label": "dog", "motion": {"choice": [recorded, recorded, {"kind": "quadruped"}]}}],
+        classes=[
+            {"label": "dog", "motion": {"choice": [some, some, {"kind": "quadruped"}]}},
+            {"label": "cat", "motion": recorded},
+        ],
     )
-    examples = examples_of(mixed, folder=tmp_path)
     splits = {}
-    for e in examples:
+    for e in examples_of(mixed, folder=tmp_path):
         motion = e.run.scene.targets[0].motion
         wanted = f"file/{motion['path']}" if motion["kind"] == "file" else f"model/{e.id}"
         assert e.rows[0].subject == wanted
         splits.setdefault(e.group, set()).add(e.split)
     assert all(len(found) == 1 for found in splits.values())
     of_files = [found for subject, found in splits.items() if subject.startswith("file/")]
-    assert len(of_files) == 6
-    assert len(set.union(*of_files)) > 1  # recordings are not all in one split by accident
-    assert {e.split for e in examples} == {"train", "validation", "test"}
-
-
-def test_a_recording_is_in_one_split_even_if_two_classes_take_it(tmp_path):
-    names = [f"{n}.c3d" for n in range(12)]
-    classes = [{"label": "a", "motion": files(tmp_path, *names)}, {"label": "b", "motion": files(tmp_path, *names[:8])}]
-    shared = plan(dataset={"name": "small", "examples_per_class": 80}, classes=classes)
-    found = {}
-    for entry in planning.plan_dataset(shared, folder=tmp_path).examples:
-        found.setdefault(entry.subjects[0], set()).add(entry.split)
-    assert len(found) == 12
-    assert all(len(splits) == 1 for splits in found.values())
+    assert len(of_files) > 12
+    assert set.union(*of_files) == {"train", "validation", "test"}  # they are not all in one by accident
 
 
 def test_a_recording_cannot_be_two_subjects_through_two_spellings(tmp_path):
@@ -477,39 +462,40 @@ def test_companions_are_rows_of_their_own_in_the_split_of_their_scene():
         planning.plan_dataset(plan(companions=[{"label": "dog"}]))
 
 
-def test_nobody_is_a_class_with_a_gate_and_without_an_echo():
+def test_nobody_is_a_class_with_a_gate_and_without_an_echo_or_a_companion():
     empty = plan(
+        target={"range_m": {"uniform": [4, 6]}},
+        companions=[{"label": "dog", "motion": {"kind": "quadruped"}}],
         classes=[{"label": "human", "motion": {"kind": "boulic"}}, {"label": "empty", "motion": "none"}],
         noise={"kind": "thermal"},
     )
-    found = [e for e in examples_of(empty) if e.label == "empty"]
+    examples = examples_of(empty)
+    pairs, found = ([e for e in examples if e.label == label] for label in ("human", "empty"))
     assert {e.rows[0].source for e in found} == {"none"}
+    assert {len(e.rows) for e in found} == {1}
     speeds = [e.run.scene.targets[0].motion["speed_mps"] for e in found]
     assert 0.4 <= min(speeds) < 0.8 < 1.6 < max(speeds) <= 2.0
     assert all(e.run.scene.targets[0].rcs.total_m2 < 1e-20 for e in found)
+    ranges_m = [[target.range_m for target in e.run.scene.targets] for e in pairs]  # drawn from one law, apart
+    assert all(4 <= mine <= 6 and 4 <= its <= 6 and mine != its for mine, its in ranges_m)
     with pytest.raises(ConfigError, match=r"noise\.kind: \"snr\" is not allowed with motion = 'none'"):
         plan(classes=[{"label": "empty", "motion": "none"}], noise={"kind": "snr"})
 
 
-def test_a_cycle_takes_its_values_in_turn():
-    speeds = [0.8, 1.0, 1.2]
-    turns = plan(classes=[{"label": "a", "motion": {"kind": "boulic", "speed_mps": {"cycle": speeds}}}])
-    assert [e.run.scene.targets[0].motion["speed_mps"] for e in examples_of(turns)][:7] == [*speeds, *speeds, 0.8]
+def test_a_cycle_takes_its_values_in_turn_alike_in_every_class_of_any_number():
+    motion = {"kind": "boulic", "speed_mps": {"cycle": [0.8, 1.0, 1.2]}}
+    fan = {"motion": {"kind": "fan"}, "range_m": 7.0}
+    classes = [{"label": "a", "motion": motion, "examples": 30}, {"label": "b", "motion": motion}]
+    examples = examples_of(plan(classes=classes, background=[{"cycle": [{}, fan]}], target={"range_m": 5.0}))
+    assert [e.label for e in examples] == ["a"] * 30 + ["b"] * 20
+    found = [(e.run.scene.targets[0].motion["speed_mps"], len(e.run.scene.targets)) for e in examples]
+    assert found[:20] == found[30:]
+    assert found[:6] == [(0.8, 1), (1.0, 2), (1.2, 1), (0.8, 2), (1.0, 1), (1.2, 2)]
     with pytest.raises(ConfigError, match="needs at least one value"):
         draw({"cycle": []})
 
 
-def test_a_class_can_say_its_own_number_of_examples():
-    classes = [
-        {"label": "a", "motion": {"kind": "boulic"}, "examples": 30},
-        {"label": "b", "motion": {"kind": "boulic"}},
-    ]
-    assert [e.label for e in examples_of(plan(classes=classes))] == ["a"] * 30 + ["b"] * 20
-
-
 def test_numbers_beyond_the_plan_go_on_without_end_and_repeat_no_draw():
-    from doppelgait.dataset.resolve import find_class, resolve_example
-
     config = plan()
     beyond = [resolve_example(config, n, Path()) for n in range(40, 60)]
     assert [e.label for e in beyond[:4]] == ["human", "dog", "human", "dog"]
@@ -549,21 +535,6 @@ def test_wrong_fields_are_refused(field, says):
         section(fields=["signature", {"name": "signature"}])
 
 
-def test_companions_are_placed_by_the_law_of_the_targets_and_never_beside_nobody():
-    config = plan(
-        target={"range_m": {"uniform": [4, 6]}, "rcs": {"total_m2": {"log_uniform": [0.1, 1.6]}}},
-        companions=[{"label": "dog", "motion": {"kind": "quadruped"}}],
-        classes=[{"label": "human", "motion": {"kind": "boulic"}}, {"label": "empty", "motion": "none"}],
-        noise={"kind": "thermal"},
-    )
-    examples = examples_of(config)
-    pairs = [e.run.scene.targets for e in examples if len(e.rows) == 2]
-    assert len(pairs) == 20
-    assert all(len(e.rows) == 1 for e in examples if e.label == "empty")
-    assert all(4 <= t.range_m <= 6 for pair in pairs for t in pair)
-    assert all(mine.range_m != its.range_m for mine, its in pairs)
-
-
 def test_a_tiny_plan_with_the_default_seed_is_not_refused_by_chance():
     """The gate errors of this plan happen to differ by class: balanced accuracy 0.83 with p = 0.0008."""
     config = plan(dataset={"name": "x", "examples_per_class": 20}, target={"range_m": {"uniform": [3, 6]}})
@@ -576,22 +547,18 @@ def test_a_tiny_plan_with_the_default_seed_is_not_refused_by_chance():
     assert not found.leaks
 
 
-def test_a_leak_of_a_tiny_plan_is_refused_and_the_gate_error_is_not_named():
-    near = {"label": "human", "motion": {"kind": "boulic"}, "range_m": 2.5}
-    config = plan(dataset={"name": "x", "examples_per_class": 20}, target={"range_m": 5.0}, companions=[near])
-    with pytest.raises(DatasetError, match=r"target\.range_m") as refused:
-        leakage.refuse_leaks(examples_of(config), np.random.default_rng(0))
-    assert "gate_error_m" not in str(refused.value)
-
-
-def test_a_leaky_plan_is_built_with_a_warning(tmp_path):
-    honest = {"range_m": {"uniform": [4, 6]}, "rcs": {"total_m2": 0.5}}
+def test_a_leak_is_refused_or_a_warning_of_the_build_without_the_gate_error():
     near = {"label": "human", "motion": {"kind": "boulic"}, "range_m": {"uniform": [2.5, 3]}}
-    for companions, told in ([], False), ([near], True):
-        config = plan(dataset={"name": "x", "examples_per_class": 60}, target=honest, companions=companions)
-        examples = examples_of(config, folder=tmp_path)
-        with pytest.warns(DoppelgaitWarning, match=r"target\.range_m.*trained on it") if told else nullcontext():
-            leakage.warn_of_leaks(examples, np.random.default_rng(0))
+    leaky, honest = (
+        examples_of(plan(target={"range_m": {"uniform": [4, 6]}, "rcs": {"total_m2": 0.5}}, companions=companions))
+        for companions in ([near], [])
+    )
+    with pytest.raises(DatasetError, match=r"target\.range_m") as refused:
+        leakage.refuse_leaks(leaky, np.random.default_rng(0))
+    assert "gate_error_m" not in str(refused.value)
+    with pytest.warns(DoppelgaitWarning, match=r"target\.range_m.*trained on it"):
+        leakage.warn_of_leaks(leaky, np.random.default_rng(0))
+    leakage.warn_of_leaks(honest, np.random.default_rng(0))
 
 
 def test_cross_sections_by_body_mass_are_a_warning_that_names_the_key(tmp_path):
@@ -639,16 +606,6 @@ def test_a_value_of_plan_and_index_is_judged_once_under_the_key_of_the_plan():
         "index.range_m": [1.0 + 1e-9, 2.0, 3.0], "seed": [4, 4, 4], "level": [1.0, 2.0, np.nan],
     })  # fmt: skip
     assert list(leakage.select_varying(table)) == ["label", "group", "target.range_m", "level"]
-
-
-def test_a_cycle_turns_alike_in_every_class():
-    fan = {"motion": {"kind": "fan"}, "range_m": 7.0}
-    config = plan(
-        dataset={"name": "x", "examples_per_class": 20}, background=[{"cycle": [*[{}] * 20, *[fan] * 20]}],
-        target={"range_m": 5.0},
-    )  # fmt: skip
-    counts = [len(e.run.scene.targets) for e in examples_of(config)]
-    assert counts[:20] == counts[20:]
 
 
 def test_copies_of_a_file_are_one_subject_or_refused(tmp_path):

@@ -23,14 +23,6 @@ def test_a_row_is_made_without_labels(monkeypatch):
     assert arrays["signature"].size
 
 
-def test_full_precision_comes_back_as_it_was():
-    values = np.random.default_rng(0).random((7, 5)).astype(np.float32)
-    spec = FieldSpec(name="signature", dtype="full")
-    facts = describe_fields([spec])["signature"]
-    assert facts == {"dims": ["time", "doppler"], "units": "V^2", "dtype": "float32", "scale": "linear", "hop": 1}
-    assert np.array_equal(decode(encode(values, spec), facts), values)
-
-
 @pytest.mark.parametrize("level", [1e-16, 1e-13, 1e-6, 1.0])
 def test_half_precision_is_within_what_is_promised_and_the_default_of_signatures(level):
     values = (level * np.random.default_rng(1).chisquare(2, (400, 64))).astype(np.float32)
@@ -43,16 +35,21 @@ def test_half_precision_is_within_what_is_promised_and_the_default_of_signatures
     assert back.dtype == np.float32
 
 
-def test_silence_stays_silence():
-    spec = FieldSpec(name="cadence_map", dtype="half")
-    stored = encode(np.array([[0.0, 1.0]]), spec)
-    assert stored[0, 0] == DB_FLOOR
-    assert decode(stored, describe_fields([spec])["cadence_map"]).tolist() == [[0.0, 1.0]]
-
-
-def test_a_hop_keeps_every_nth_column():
-    values = np.arange(20.0).reshape(10, 2)
-    assert encode(values, FieldSpec(name="signature", dtype="full", hop=3))[:, 0].tolist() == [0.0, 6.0, 12.0, 18.0]
+@pytest.mark.parametrize(
+    ("spec", "values", "stored"),
+    [
+        ({"name": "signature", "dtype": "full"}, [[0.1, 1 / 3]], [[np.float32(0.1), np.float32(1 / 3)]]),
+        ({"name": "cadence_map", "dtype": "half"}, [[0.0, 1.0]], [[DB_FLOOR, 0.0]]),  # silence stays silence
+        ({"name": "signature", "dtype": "full", "hop": 3}, [[0.0], [1.0], [2.0], [3.0]], [[0.0], [3.0]]),
+    ],
+)
+def test_what_is_stored_comes_back_in_full_precision_every_nth_column(spec, values, stored):
+    field = FieldSpec(**spec)
+    encoded = encode(np.array(values, dtype=np.float32), field)
+    assert encoded.tolist() == stored
+    facts = describe_fields([field])[field.name]
+    assert (facts["scale"], facts["hop"]) == ("db" if field.is_half else "linear", field.hop)
+    assert decode(encoded, facts).tolist() == np.array(values, dtype=np.float32)[:: field.hop].tolist()
 
 
 def test_a_file_instead_of_the_folder_is_told(tmp_path):

@@ -44,15 +44,6 @@ def test_honest_features_pass_and_their_rms_is_right():
     assert truth.check_gait_frequency(contents(walkers())).status == "passed"
 
 
-def test_a_class_whose_sign_is_wrong_fails_and_the_other_does_not():
-    table = walkers()
-    table.loc[table["label"] == "dog", "feature_torso_velocity_mps"] *= -1
-    found = truth.check_velocity(contents(table))
-    assert found.status == "failed"
-    assert found.summary.startswith("off as a whole: dog;")
-    assert found.numbers["human"]["share_inside"] == 1.0
-
-
 def test_single_wrong_estimates_do_not_fail_a_class():
     table = walkers()
     table.loc[:7, "gait_frequency_hz"] *= 2
@@ -78,21 +69,9 @@ def test_off_as_a_whole_is_the_binomial_tail_below_a_thousandth(hits, rows, off)
     assert truth.has_too_few_hits(hits, rows) == off
 
 
-def test_a_class_that_declares_motion_and_is_only_noise_fails_with_its_name():
-    table = walkers()
-    assert check_visible_targets(contents(table)).status == "passed"
-    table.loc[table["label"] == "dog", "quality_snr_mu_db"] = -2.0
-    found = check_visible_targets(contents(table))
-    assert found.status == "failed"
-    assert "noise instead of motion: dog declares motion, but only 0 % of 20 rows" in found.summary
-
-
-def test_targets_that_no_track_follows_are_not_seen():
-    found = check_visible_targets(contents(walkers(quality_snr_mu_db=np.full(40, np.nan))))
-    assert found.status == "failed"
-
-
 def test_an_empty_class_may_be_noise_and_one_with_a_target_is_a_warning():
+    untracked = walkers(quality_snr_mu_db=np.full(40, np.nan))
+    assert check_visible_targets(contents(untracked)).status == "failed"
     table = walkers()
     table.loc[table["label"] == "dog", ["source", "quality_snr_mu_db"]] = ["none", -2.0]
     assert check_visible_targets(contents(table)).status == "passed"
@@ -115,10 +94,6 @@ def people(**changes):
         "motion": ["{}"] * 4,
     }
     return pd.DataFrame({**table, **changes})
-
-
-def test_everyone_in_one_split_passes():
-    assert check_groups(contents(people())).status == "passed"
 
 
 @pytest.mark.parametrize("key", ["subject", "group", "recording", "scene_id"])

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 from doppelgait._core import native
 from doppelgait.core.labels import NORMALISED_SIGNATURE, Signal, make_array
 from doppelgait.features import gait_frequency
-from doppelgait.features.limbs import Rows, average_columns, limb_rows, torso_line_hz
+from doppelgait.features.gait_frequency import Rows, average_columns, limb_rows, torso_line_hz
 
 RATE_HZ, N_DOPPLER, PRF_HZ = 125.0, 128, 1000.0
 WAVELENGTH_M = 0.0411

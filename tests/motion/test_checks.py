@@ -53,15 +53,9 @@ def hold(motion: Motion, points: list[str], frames: int) -> np.ndarray:
     return position
 
 
-def stretch(motion: Motion, point: str, metres: float) -> np.ndarray:
+def shift(motion: Motion, point: str, by_m: list[float], first: int = 0) -> np.ndarray:
     position = motion.position_m.copy()
-    position[:, motion.markers.index(point)] += [0.0, metres, 0.0]
-    return position
-
-
-def jump(motion: Motion, metres: float) -> np.ndarray:
-    position = motion.position_m.copy()
-    position[100:, motion.markers.index("left_hand")] += [0.0, 0.0, metres]
+    position[first:, motion.markers.index(point)] += by_m
     return position
 
 
@@ -78,6 +72,7 @@ def record_legs(size: float) -> Motion:
 
 
 SHORT = human_gait(speed_mps=1.3, duration_s=1.5, rate_hz=RATE_HZ)
+AWAY, JUMP = shift(WALK, "left_shoulder", [0, 1.4, 0]), shift(WALK, "left_hand", [0, 0, 0.5], 100)
 SWINGS = [f"left_{joint}" for joint in ("knee", "ankle", "toe")]
 FAULTS = {
     "cm read as mm": (lambda: record(WALK, 0.1 * WALK.position_m), r"a person of 0\.18 m.*units='cm'", True),
@@ -89,14 +84,14 @@ FAULTS = {
     "1.5 s, 4 times too slow": (lambda: record(SHORT, rate=0.24), r"14\.4 Hz is probably [34]\.\d times higher", True),
     "5 times too fast": (lambda: record(RUN, rate=5.0), r"300 Hz is probably 5\.\d times lower, about 5\d Hz", True),
     "dog at 24 of 100": (lambda: record(DOG, rate=0.24), r"14\.4 Hz is probably 4\.\d times higher", True),
-    "shoulder 1.4 m away": (lambda: record(WALK, stretch(WALK, "left_shoulder", 1.4)), "torso.* are 1.*several", True),
+    "shoulder 1.4 m away": (lambda: record(WALK, AWAY), "torso.* are 1.*several", True),
     "tilted 12 degrees": (lambda: record(WALK, tilt(WALK, 0, 12.0)), "tilted by 12 degrees.*levelled", False),
     "tilted sideways": (lambda: record(WALK, tilt(WALK, 1, -9.0)), "tilted by 9 degrees.*levelled", False),
     "tilted dog": (lambda: record(DOG, tilt(DOG, 0, -10.0)), "rises by 10 degrees: a slope, or tilted", False),
     "noise of 10 mm": (lambda: record(WALK, shake(WALK, 0.01)), r"noise of 10 mm.*low-pass of [56]\.\d Hz", False),
     "held for 0.4 s": (lambda: record(WALK, hold(WALK, SWINGS, 25)), "samples repeat.*left_ankle.*left out", False),
     "every second frame": (lambda: record(WALK, np.repeat(WALK.position_m[::2], 2, axis=0)), "samples repeat", False),
-    "one jump": (lambda: record(WALK, jump(WALK, 0.5)), r"1 jump.*left_hand.*up to 0\.5\d m at frame 100", False),
+    "one jump": (lambda: record(WALK, JUMP), r"1 jump.*left_hand.*up to 0\.5\d m at frame 100", False),
     "treadmill": (lambda: record(WALK, on_belt(WALK)), "walks on a treadmill.*1.20 m/s", False),
 }  # fmt: skip
 RIGHT = {

@@ -1,6 +1,8 @@
 """Hybrids of clips: against the laws they state, against models of the wanted phase, and what is refused."""
 
 import math
+import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,11 +10,13 @@ import pytest
 from scipy.optimize import minimize
 
 from doppelgait.core.config import validate
+from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.motion import Motion, blend, hybrid, retarget
 from doppelgait.motion.loop import fit_cycle, loop
 from doppelgait.motion.models import boulic_walk, human_gait
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.motion.skeleton import find_rigid_pairs, restore_lengths
+from recorded import read_quietly
 
 
 def _walk(**options: Any) -> Motion:
@@ -180,3 +184,42 @@ def test_the_table_of_a_scene_is_made() -> None:
     expected = retarget(blend(_walk(), clips["b.c3d"], share=0.25), speed_factor=1.1)
     np.testing.assert_array_equal(made.position_m, expected.position_m)
     assert (made.report["hybrid"]["share"], made.report["hybrid"]["speed_factor"]) == (0.25, 1.1)
+
+
+def _read(shared: Path, file: str) -> Motion:
+    return read_quietly(shared / "data" / "mocap" / file, segment="longest")
+
+
+PAIRS = [
+    ("clinic/SubjectB4_Cycle1.bvh", "clinic/SubjectC9_Cycle1.bvh"),
+    ("human/amc/cmu_07_01.amc", "human/amc/cmu_02_02.amc"),
+    ("human/c3d/cmu_07_01.c3d", "human/c3d/cmu_07_12.c3d"),
+    ("dog/mann-bvh/D1_053_KAN01_001.bvh", "dog/mann-bvh/D1_ex01_KAN01_001.bvh"),
+]
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(("first", "second"), PAIRS)
+def test_two_recordings_make_a_target_between_them(shared: Path, first: str, second: str) -> None:
+    clips = [_read(shared, file) for file in (first, second)]
+    speeds = [travel_speed_mps(clip) for clip in clips]
+    mixed = blend(*clips, share=0.5)
+    facts = mixed.report["hybrid"]
+    assert facts["length_error_m"] < 2e-3
+    assert hybrid.measure_foot_slide(mixed) < max(map(hybrid.measure_foot_slide, clips)) + 0.01
+    assert 0.95 * min(speeds) < travel_speed_mps(mixed) < 1.1 * max(speeds)
+    assert mixed.facts.source == " + ".join(clip.facts.source for clip in clips)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoppelgaitWarning)
+        looped = loop(mixed, duration_s=6.0)
+    assert hybrid.measure_foot_slide(looped) < max(map(hybrid.measure_foot_slide, clips)) + 0.03
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("file", [first for first, _ in PAIRS])
+def test_a_recording_goes_faster_without_sliding(shared: Path, file: str) -> None:
+    clip = _read(shared, file)
+    wanted = min(1.1, hybrid.find_speed_limits(clip)[1])
+    made = retarget(clip, speed_factor=wanted, size_factor=1.05)
+    assert travel_speed_mps(made) == pytest.approx(travel_speed_mps(clip) * wanted * np.sqrt(1.05), rel=5e-3)
+    assert hybrid.measure_foot_slide(made) < hybrid.measure_foot_slide(clip) + 0.01

@@ -126,6 +126,7 @@ def test_a_path_that_a_motion_cannot_follow_is_refused(make, says):
 
 
 ARC, LINE, TURN = ({"kind": kind} for kind in ("arc", "polyline", "turn_around"))
+ABOUT = {"kind": "wander", "room_m": [0, 6, -2, 2]}
 
 
 @pytest.mark.parametrize(
@@ -151,6 +152,9 @@ ARC, LINE, TURN = ({"kind": kind} for kind in ("arc", "polyline", "turn_around")
         ),
         (TURN | {"out_m": 2, "radius_m": 1, "turn_s": 2}, "belong to a turn on the spot"),
         (TURN | {"out_m": 2, "side_m": 1}, "on the spot has no side_m.*radius_m"),
+        (ABOUT | {"leg_m": [3, 1]}, "leg_m"),
+        (ABOUT | {"room_m": [0, 1, 0, 6]}, "room_m"),
+        (ABOUT | {"rest_s": [0, 1]}, "rest_s"),
         # hybrids
         ({"speed_factor": 2.0}, r"speed_factor"),
         ({"other": {"kind": "boulic"}, "share": 0.5}, "must be an unchanged recording"),

@@ -5,8 +5,7 @@ import pytest
 from scipy import ndimage
 
 from doppelgait._core import native
-from doppelgait.features.gait_frequency import LOWEST_HZ, SALIENT_HZ, Rhythm, compute_salience, find_highest
-from doppelgait.features.limbs import find_torso
+from doppelgait.features.gait_frequency import LOWEST_HZ, SALIENT_HZ, Rhythm, compute_salience, find_highest, find_torso
 from doppelgait.features.observed import fit_waves, measure_swing
 from doppelgait.features.uncertainty import Periods, compute_block_scatter
 

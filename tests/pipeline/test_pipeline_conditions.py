@@ -11,8 +11,7 @@ from doppelgait.core.rng import rng
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.motion import boulic_walk, fan
-from doppelgait.pipeline import analyze, parse_run, run_simulation, simulate
-from doppelgait.pipeline.conditions import Conditions
+from doppelgait.pipeline import Conditions, analyze, parse_run, run_simulation, simulate
 from doppelgait.radar import Radar, echo_amplitude_v, read_recording, write_arrays
 from doppelgait.radar.xethru import write_xethru_recording
 from doppelgait.scene import Scene, Target, assemble

@@ -15,9 +15,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from doppelgait import pipeline
+from doppelgait.cli.analyze import print_features
 from doppelgait.core.errors import AnalysisError, ConfigError, OutputError
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, Signal, make_array
-from doppelgait.features.gait import GaitFeatures
+from doppelgait.features import GaitFeatures
 from doppelgait.pipeline.result import LABELLED_ARRAYS, LateArrays
 from doppelgait.pipeline.result_files import is_result_file
 from doppelgait.pipeline.target import Gated, analyze_signature, analyze_targets
@@ -45,16 +46,8 @@ def test_targets_are_analysed_together_as_alone(recording):
     mu, rng = first.signature, np.random.default_rng(4)
     noise = [mu.values.max() * level * rng.exponential(size=mu.shape).astype(np.float32) for level in (0.01, 0.3)]
     still = mu.copy(data=np.broadcast_to(mu.values[:1], mu.shape).copy())
-    several = [
-        mu,
-        mu.copy(data=noise[0] + mu.values),
-        mu[:200],
-        mu.copy(data=noise[1]),
-        still,
-        mu[:, 1:],
-        mu[40:240],
-        mu,
-    ]
+    several = [mu, mu.copy(data=noise[0] + mu.values), mu[:200], mu.copy(data=noise[1])]
+    several += [still, mu[:, 1:], mu[40:240], mu]
     several += [mu.copy(data=mu.values[::-1] + noise[0]), mu.copy(data=np.zeros_like(mu.values))]
     several += [mu.copy(data=mu.values + level * noise[1]) for level in np.linspace(0.0, 1.0, 6, dtype=np.float32)]
     analyses = [Analysis(method="liland2018") if n == 7 else Analysis(normalisation="r4") for n in range(len(several))]
@@ -325,9 +318,6 @@ def test_late_arrays_are_made_once_and_when_they_are_asked_for():
 
 
 def test_people_see_the_step_length_on_the_ground_first_and_doubts_next_to_values(capsys):
-    from doppelgait.cli.analyze import print_features
-    from doppelgait.features import GaitFeatures
-
     features = GaitFeatures(torso_velocity_mps=-1.5, step_length_m=2.06, harmonic_ratio_2=2.0)
     sure = pipeline.Result(
         Analysis(), features=features, gait_frequency_hz=0.745, quality={"ground_step_length_m": 2.14}

@@ -15,9 +15,8 @@ from doppelgait.core.rng import rng
 from doppelgait.data import DEMO
 from doppelgait.motion import boulic_walk
 from doppelgait.motion.models.primitives import breathing_person
-from doppelgait.pipeline import analyze, describe_results, parse_run, run_simulation, simulate, tracking
+from doppelgait.pipeline import Conditions, analyze, describe_results, parse_run, run_simulation, simulate, tracking
 from doppelgait.pipeline.analyze import flag_overlaps
-from doppelgait.pipeline.conditions import Conditions
 from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.target import SHARED, Gated, mark_other_bodies
 from doppelgait.pipeline.tracking import _link

@@ -11,7 +11,7 @@ from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.motion.models import crawling_person, robot_vacuum
 from doppelgait.motion.motion import make_motion
-from doppelgait.pipeline import Result, analyze, describe_results, simulate, verdicts
+from doppelgait.pipeline import Conditions, Result, analyze, describe_results, simulate, verdicts
 from doppelgait.pipeline.result import TargetList
 from doppelgait.pipeline.verdicts import TrackStrip, judge, judge_body, judge_fold, judge_reflection, mark_result
 from doppelgait.processing import Analysis, Gate
@@ -243,8 +243,6 @@ def test_every_weight_has_its_value():
 
 
 def recorded(*targets, seed=1, environment=()):
-    from doppelgait.pipeline.conditions import Conditions
-
     conditions = Conditions(environment=environment, impairments=[{"kind": "phase_noise", "white_rad": 0.002}])
     return simulate(Scene(list(targets)), X4, rng=rng(seed), snr_db=20.0, conditions=conditions)
 

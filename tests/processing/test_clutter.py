@@ -6,7 +6,7 @@ import pytest
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.processing import Analysis, Gate, common_phase, remove_clutter
+from doppelgait.processing import Analysis, Gate, clutter, remove_clutter
 from doppelgait.processing.clutter import (
     clutter_gain,
     measure_share_removed,
@@ -20,7 +20,7 @@ TIME_S = np.arange(4000) / PRF_HZ
 
 
 def remove_common_phase(baseband):
-    return common_phase.remove_common_phase(Frames.of(baseband)).label()
+    return clutter.remove_common_phase(Frames.of(baseband)).label()
 
 
 def tone(doppler_hz, clutter=3.0 - 1.0j):
@@ -119,7 +119,7 @@ def test_a_body_is_never_its_own_reference():
     np.testing.assert_array_equal(remove_common_phase(baseband).values[:, beside], baseband.values[:, beside])
     near = baseband.isel(range=slice(0, 25))  # no bin is 1.5 m away
     frames = Frames.of(near)
-    assert common_phase.remove_common_phase(frames) is frames
+    assert clutter.remove_common_phase(frames) is frames
 
 
 def test_mti_is_the_butterworth_high_pass():

@@ -12,9 +12,8 @@ from doppelgait.core.rng import draw_key
 from doppelgait.core.samples import Samples
 from doppelgait.processing import Analysis, plan_transform
 from doppelgait.processing.detect import Detector, estimate_noise_map, find_scans, noise_factor
-from doppelgait.processing.detect.cluster import find_clusters, measure_shapes, merge_groups
 from doppelgait.processing.detect.maps import compute_maps, estimate_residue_map
-from doppelgait.processing.detect.scans import NO_RANGE_SD_M, find_cells
+from doppelgait.processing.detect.scans import NO_RANGE_SD_M, find_cells, find_clusters, measure_shapes, merge_groups
 from doppelgait.radar import Radar, link
 from doppelgait.radar.simulate import label_baseband
 

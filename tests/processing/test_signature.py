@@ -53,10 +53,13 @@ def test_plan_of_the_defaults_e21_e22():
     assert plan_transform(Analysis(), n_pulses=1000, prf_hz=1300.0).hop == 10  # floor(130 / 12)
 
 
-def test_plan_refuses_a_short_record_and_a_short_transform():
+def test_plan_refuses_a_short_record_a_short_interval_and_a_short_transform():
     with pytest.raises(AnalysisError, match=r"100 pulses.*101"):
         plan_transform(Analysis(), n_pulses=100, prf_hz=1000.0)
     assert plan_transform(Analysis(), n_pulses=101, prf_hz=1000.0).n_columns == 1
+    with pytest.raises(AnalysisError, match=r"cpi_s = 0.1 at prf_hz = 10 .*1 pulse, at least 5 .*cpi_s to 0.4 or more"):
+        plan_transform(Analysis(), n_pulses=100, prf_hz=10.0)
+    assert plan_transform(Analysis(cpi_s=0.4), n_pulses=100, prf_hz=10.0).window.size == 5
     with pytest.raises(AnalysisError, match=r"doppler_bins is 100.*101"):
         plan_transform(Analysis(doppler_bins=100), n_pulses=500, prf_hz=1000.0)
 

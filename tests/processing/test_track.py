@@ -1,16 +1,23 @@
 """Tracks of drawn detections: start, crossing, rest, end, and the gate that comes of them."""
 
+import itertools
+import math
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
+from scipy.stats import chi2, multivariate_normal
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.frames import Frames
+from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing import Gate
-from doppelgait.processing.detections import Detection, Scan
-from doppelgait.processing.track import Track, Tracker, track
+from doppelgait.processing.track import Track, Tracker, kalman, split_tracks, track
+from doppelgait.processing.track import tracker as association
+from doppelgait.processing.track.kalman import Gaussian
+from doppelgait.processing.track.live import Detection, Scan
 from doppelgait.radar import Radar
 from doppelgait.radar.simulate import label_baseband
 from doppelgait.testing.tracking import compare_tracks
@@ -272,3 +279,277 @@ def test_gate_covers_the_time_of_the_track_and_no_more() -> None:
     np.testing.assert_array_equal(part["slow_time"].values, gate.time_s)
     with pytest.raises(AnalysisError, match="pulses"):
         Gate.from_track(one, span_m=1.6, time_s=slow_time[:1000])
+
+
+WAVELENGTH_M, PRF_HZ, BIN_M, PULSE_M = 0.0411, 500.0, 0.05, 0.11
+TIMES_S = np.arange(0.1, 4.0, 0.1)
+
+
+def echoes(*ways, seconds=4.1, noise=0.0):
+    """Sum Gaussian echoes: (start range, speed, amplitude, swing speed) each, the last for a limb."""
+    slow_s = np.arange(round(seconds * PRF_HZ)) / PRF_HZ
+    range_m = 1.0 + BIN_M * np.arange(180)
+    data = np.zeros((slow_s.size, range_m.size), dtype=np.complex128)
+    for start_m, speed_mps, amplitude, swing_mps in ways:
+        swing_m = swing_mps / (2 * np.pi * 1.8) * np.sin(2 * np.pi * 1.8 * slow_s)
+        place_m = start_m - speed_mps * slow_s + swing_m
+        pulse = np.exp(-(((range_m - place_m[:, None]) / PULSE_M) ** 2))
+        data += amplitude * pulse * np.exp(-4j * np.pi * place_m / WAVELENGTH_M)[:, None]
+    rng = np.random.default_rng(1)
+    data += noise * (rng.standard_normal(data.shape) + 1j * rng.standard_normal(data.shape)) / np.sqrt(2)
+    return make_array(BASEBAND, data.astype(np.complex64), {"slow_time": slow_s, "range": range_m}, {"units": "V"})
+
+
+def track_of(start_m, speed_mps, times_s=TIMES_S):
+    centre_m, same = start_m - speed_mps * times_s, np.full(times_s.size, speed_mps)
+    width, yes = np.full(times_s.size, 0.1), np.ones(times_s.size, dtype=bool)
+    return Track(
+        times_s=times_s, range_m=centre_m, velocity_mps=same, range_sd_m=width, velocity_sd_mps=width, measured=yes,
+        shared=~yes, range_low_m=centre_m - 0.5, range_high_m=centre_m + 0.5, velocity_low_mps=same - 1,
+        velocity_high_mps=same + 1, confirmed_at_s=float(times_s[3]), mean_nis=2.0, mean_power_v2=1.0,
+    )  # fmt: skip
+
+
+def divided(clean, *tracks):
+    return split_tracks(tracks, Frames.of(clean), wavelength_m=WAVELENGTH_M, cpi_s=0.1)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+@pytest.mark.parametrize("apart_m", [0.7, 0.85, 1.1])
+def test_who_follows_has_a_track_of_its_own(apart_m, noise):
+    clean = echoes((7.0, 1.2, 1.0, 0.0), (7.0 + apart_m, 1.2, 0.6, 0.0), noise=noise)
+    near, far = divided(clean, track_of(7.0 + apart_m / 2, 1.2))
+    for one, start_m in ((near, 7.0), (far, 7.0 + apart_m)):
+        assert one.range_m == pytest.approx(start_m - 1.2 * one.times_s, abs=0.06)
+        assert one.velocity_mps == pytest.approx(1.2)
+    assert far.last_s - far.first_s > 3.0
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        (),
+        ((7.45, 1.2, 0.7, 0.0),),  # chest and rump
+        ((7.1, 1.2, 0.7, 2.5), (6.9, 1.2, 0.7, -2.5)),  # legs
+        ((8.0, 1.2, 0.1, 0.0),),  # 20 dB below
+        ((7.9, -1.2, 0.8, 0.0),),  # goes the other way
+    ],
+)
+def test_one_body_stays_one(others):
+    (one,) = divided(echoes((7.0, 1.2, 1.0, 0.0), *others, noise=0.02), track_of(7.0, 1.2))
+    assert np.array_equal(one.range_m, track_of(7.0, 1.2).range_m)
+
+
+def test_who_stands_beside_a_slow_body_is_not_followed():
+    (one,) = divided(echoes((5.0, 0.2, 1.0, 0.0), (5.9, 0.2, 1.0, 0.0)), track_of(5.0, 0.2))
+    assert np.array_equal(one.range_m, track_of(5.0, 0.2).range_m)
+
+
+def test_an_echo_that_has_a_track_is_not_split_again():
+    clean = echoes((7.0, 1.2, 1.0, 0.0), (8.0, 1.2, 0.6, 0.0))
+    assert len(divided(clean, track_of(7.0, 1.2), track_of(8.0, 1.2))) == 2
+
+
+def test_a_second_echo_is_joined_to_the_track_that_continues_it():
+    clean = echoes((7.0, 1.2, 1.0, 0.0), (8.0, 1.2, 0.6, 0.0))
+    late = track_of(8.0, 1.2, TIMES_S[TIMES_S > 2.9])
+    near, far = divided(clean, track_of(7.0, 1.2), late)
+    assert far.first_s < 0.3
+    assert far.last_s == late.last_s
+    assert (np.diff(far.times_s) > 0.05).all()
+    assert far.range_m == pytest.approx(8.0 - 1.2 * far.times_s, abs=0.06)
+    assert near.range_m == pytest.approx(7.0 - 1.2 * near.times_s, abs=0.06)
+
+
+MISS = math.log(0.1)
+CHANCES = {"detection_probability": 0.9, "gate_probability": 0.99}
+
+
+def all_events(gain: np.ndarray) -> list[tuple[tuple[int, ...], float]]:
+    """Every joint event as detections per track (-1: none) and its log weight."""
+    tracks, detections = gain.shape
+    events = []
+    for event in itertools.product(range(-1, detections), repeat=tracks):
+        hits = [d for d in event if d >= 0]
+        if len(set(hits)) == len(hits):
+            events.append((event, sum(gain[t, d] if d >= 0 else MISS for t, d in enumerate(event))))
+    return events
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_assignment_and_probabilities_equal_brute_force(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    gain = rng.normal(0, 3, size=(rng.integers(1, 4), rng.integers(1, 5)))
+    gain[rng.random(gain.shape) < 0.3] = -np.inf
+    events = all_events(gain)
+    best = max(weight for _, weight in events)
+    chosen = association.find_best_assignment(gain, MISS)
+    assert sum(gain[t, d] if d >= 0 else MISS for t, d in enumerate(chosen)) == pytest.approx(best)
+    table = np.zeros((gain.shape[0], gain.shape[1] + 1))
+    for event, weight in events:
+        for t, d in enumerate(event):
+            table[t, d] += math.exp(weight)
+    np.testing.assert_allclose(
+        association.compute_joint_probabilities(gain, MISS), table / table.sum(axis=1, keepdims=True), rtol=1e-9
+    )
+
+
+def test_gate_is_the_chi_square_quantile() -> None:
+    assert association.compute_gate_threshold(0.99) == pytest.approx(chi2.ppf(0.99, 2))
+
+
+def test_single_track_has_the_closed_form_of_pda() -> None:
+    """beta_j = L_j / (1 - Pd Pg + sum L), L = Pd N / lambda (Bar-Shalom, Tse 1975)."""
+    densities = np.array([[0.8, 0.1, 0.03]])
+    found = association.associate(np.log(densities), **CHANCES, clutter_density=0.05, association="jpda")
+    likelihood = 0.9 * densities[0] / 0.05
+    total = 1 - 0.9 * 0.99 + likelihood.sum()
+    np.testing.assert_allclose(found.weights[0], [*(likelihood / total), (1 - 0.9 * 0.99) / total])
+    assert found.assigned.tolist() == [0]
+
+
+def test_auto_is_hard_alone_and_soft_where_gates_overlap() -> None:
+    alone = np.log(np.array([[0.5, 0.2]]))
+    kwargs = {**CHANCES, "clutter_density": 0.005}
+    assert association.associate(alone, **kwargs).weights.tolist() == [[1.0, 0.0, 0.0]]
+    both = association.associate(np.log(np.array([[0.5], [0.4]])), **kwargs)
+    assert both.assigned.tolist() == [0, -1]
+    assert 0 < both.weights[1, 0] < both.weights[0, 0] < 1
+    hard = association.associate(np.log(np.array([[0.5], [0.4]])), **kwargs, association="gnn")
+    assert hard.weights.tolist() == [[1.0, 0.0], [0.0, 1.0]]
+
+
+def test_weak_detection_loses_against_none() -> None:
+    found = association.associate(np.log(np.array([[1e-6]])), **CHANCES, clutter_density=0.5)
+    assert found.assigned.tolist() == [-1]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_clusters_are_the_connected_components(seed: int) -> None:
+    from scipy.sparse.csgraph import connected_components
+
+    rng = np.random.default_rng(seed)
+    gate = rng.random((5, 6)) < 0.2
+    graph = np.zeros((11, 11))
+    graph[:5, 5:] = gate
+    _, label = connected_components(graph, directed=False)
+    expected = []
+    for k in sorted(set(label[:5][gate.any(axis=1)])):
+        expected.append((np.flatnonzero(label[:5] == k).tolist(), np.flatnonzero(label[5:] == k).tolist()))
+    assert association.find_clusters(gate) == sorted(expected)
+
+
+def test_no_detections() -> None:
+    found = association.associate(np.zeros((2, 0)), **CHANCES, clutter_density=0.01)
+    assert found.assigned.tolist() == [-1, -1]
+    assert found.weights.tolist() == [[1.0], [1.0]]
+
+
+Q, DT, RANGE_SD, VELOCITY_SD = 0.75, 0.1, 0.08, 0.2
+ERRORS = {"range_sd_m": RANGE_SD, "velocity_sd_mps": VELOCITY_SD}
+START = Gaussian(5.0, 1.2, 0.04, -0.01, 0.09)
+
+
+def van_loan(drift: np.ndarray, diffusion: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Transition and noise covariance of dx = A x dt + noise of density D (Van Loan 1978)."""
+    n = len(drift)
+    block = np.block([[-drift, diffusion], [np.zeros((n, n)), drift.T]]) * dt
+    power = expm(block)
+    transition = power[n:, n:].T
+    return transition, transition @ power[:n, n:]
+
+
+def matrices(model: kalman.Model) -> tuple[np.ndarray, np.ndarray]:
+    transition = np.array([[1.0, -model.carry_s], [0.0, model.keep]])
+    return transition, np.array([[model.range_m2, model.cross_m2ps], [model.cross_m2ps, model.velocity_m2ps2]])
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.1, 0.7])
+def test_constant_velocity_is_the_sampled_white_acceleration(dt: float) -> None:
+    transition, noise = van_loan(np.array([[0.0, -1.0], [0.0, 0.0]]), np.diag([0.0, Q]), dt)
+    got = matrices(kalman.make_constant_velocity_model(dt, acceleration_noise_m2ps3=Q))
+    np.testing.assert_allclose(got[0], transition, rtol=1e-12)
+    np.testing.assert_allclose(got[1], noise, rtol=1e-9)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.1, 2.0])
+def test_rest_is_the_sampled_ornstein_uhlenbeck_process(dt: float) -> None:
+    tau, sd = 0.3, 0.4
+    transition, noise = van_loan(np.array([[0.0, -1.0], [0.0, -1 / tau]]), np.diag([0.0, 2 * sd**2 / tau]), dt)
+    got = matrices(kalman.make_resting_model(dt, time_constant_s=tau, velocity_sd_mps=sd))
+    np.testing.assert_allclose(got[0], transition, rtol=1e-10)
+    np.testing.assert_allclose(got[1], noise, rtol=1e-6)
+
+
+def test_steps_equal_the_matrix_form() -> None:
+    model = kalman.make_constant_velocity_model(DT, acceleration_noise_m2ps3=Q)
+    transition, noise = matrices(model)
+    predicted = kalman.predict(START, model)
+    mean, cov = transition @ np.array(START[:2]), transition @ kalman.make_covariance(START) @ transition.T + noise
+    np.testing.assert_allclose(predicted[:2], mean)
+    np.testing.assert_allclose(kalman.make_covariance(predicted), cov)
+    z, r = np.array([4.8, 1.5]), np.diag([RANGE_SD**2, VELOCITY_SD**2])
+    seen = kalman.compute_innovation(predicted, range_m=4.8, velocity_mps=1.5, **ERRORS)
+    s = cov + r
+    assert seen.nis == pytest.approx((z - mean) @ np.linalg.solve(s, z - mean))
+    assert seen.log_likelihood == pytest.approx(multivariate_normal(mean, s).logpdf(z))
+    gain = cov @ np.linalg.inv(s)
+    joseph = (np.eye(2) - gain) @ cov @ (np.eye(2) - gain).T + gain @ r @ gain.T
+    updated = kalman.update(predicted, seen)
+    np.testing.assert_allclose(updated[:2], mean + gain @ (z - mean))
+    np.testing.assert_allclose(kalman.make_covariance(updated), joseph)
+
+
+def test_folded_velocity_is_taken_at_its_nearest() -> None:
+    seen = kalman.compute_innovation(
+        START._replace(velocity_mps=5.0), range_m=5, velocity_mps=-1.1, range_sd_m=1, velocity_sd_mps=1,
+        velocity_span_mps=6.0,
+    )  # fmt: skip
+    assert seen.velocity_mps == pytest.approx(-0.1)
+
+
+def test_mixture_has_the_moments_of_its_samples() -> None:
+    rng = np.random.default_rng(1)
+    states, weights = [START, Gaussian(5.6, 0.2, 0.02, 0.005, 0.2)], [0.3, 0.7]
+    n = 400_000
+    draws = np.concatenate([
+        rng.multivariate_normal(s[:2], kalman.make_covariance(s), size=round(w * n))
+        for s, w in zip(states, weights, strict=True)
+    ])  # fmt: skip
+    got = kalman.merge_mixture(states, weights)
+    np.testing.assert_allclose(got[:2], draws.mean(axis=0), atol=3e-3)
+    np.testing.assert_allclose(kalman.make_covariance(got), np.cov(draws.T), atol=3e-3)
+
+
+def test_smoother_is_the_least_squares_solution() -> None:
+    """Smoothed means and covariances equal those of one large linear problem over all states (information form)."""
+    n = 12
+    rng = np.random.default_rng(3)
+    model = kalman.make_constant_velocity_model(DT, acceleration_noise_m2ps3=Q)
+    transition, noise = matrices(model)
+    truth = rng.multivariate_normal(START[:2], kalman.make_covariance(START))
+    filtered, predicted = [START], [START]
+    for _ in range(n - 1):
+        truth = transition @ truth + rng.multivariate_normal([0, 0], noise)
+        z = truth + rng.standard_normal(2) * [RANGE_SD, VELOCITY_SD]
+        before = kalman.predict(filtered[-1], model)
+        seen = kalman.compute_innovation(before, range_m=z[0], velocity_mps=z[1], **ERRORS)
+        predicted.append(before)
+        filtered.append(kalman.update(before, seen))
+    information, vector = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
+    prior = np.linalg.inv(kalman.make_covariance(START))
+    information[:2, :2] += prior
+    vector[:2] += prior @ np.array(START[:2])
+    for t in range(1, n):
+        link = np.hstack([-transition, np.eye(2)])
+        part = slice(2 * t - 2, 2 * t + 2)
+        information[part, part] += link.T @ np.linalg.inv(noise) @ link
+        own = slice(2 * t, 2 * t + 2)
+        # what the update added to the information of the prediction
+        after, before = (np.linalg.inv(kalman.make_covariance(s[t])) for s in (filtered, predicted))
+        information[own, own] += after - before
+        vector[own] += after @ np.array(filtered[t][:2]) - before @ np.array(predicted[t][:2])
+    means, covs = np.linalg.solve(information, vector), np.linalg.inv(information)
+    for t, state in enumerate(kalman.smooth(filtered, predicted, [model] * n)):
+        np.testing.assert_allclose(state[:2], means[2 * t : 2 * t + 2], rtol=1e-6)
+        np.testing.assert_allclose(kalman.make_covariance(state), covs[2 * t : 2 * t + 2, 2 * t : 2 * t + 2], rtol=1e-5)

@@ -342,7 +342,6 @@ def test_direct_path_and_constant() -> None:
     peak = 10 ** (-38 / 20)
     samples += peak * np.exp(-((RANGE_M - RANGE_M[2]) ** 2) / (2 * 0.052**2)) + 4e-3 * np.exp(1j)
     measured, fit = measure(samples)
-    assert fit.leakage.range_m == pytest.approx(RANGE_M[2], abs=0.06)
     # clutter of -45 and the constant ride on it
     assert measured.estimates["near_echo_db"].value == pytest.approx(-38.0, abs=4.0)
     assert abs(fit.leakage.constant_v.value - 4e-3) < 4 * fit.leakage.constant_v.sd

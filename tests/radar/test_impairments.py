@@ -386,14 +386,6 @@ def full_scale_tone(n=65_536):
     return np.exp(2j * np.pi * 0.12345 * np.arange(n)).astype(np.complex64)[:, None]
 
 
-@pytest.mark.parametrize("bits", [8, 10, 12, 14])
-@pytest.mark.parametrize("backoff_db", [0.0, 12.0])
-def test_signal_to_quantisation_noise_of_a_sine(bits, backoff_db):
-    tone = full_scale_tone()
-    error = only(tone, impair.Adc(bits=bits, backoff_db=backoff_db), CW) - tone
-    assert db(power(tone) / power(error)) == pytest.approx(6.02 * bits + 1.76 - backoff_db, abs=1.0)
-
-
 def test_levels_are_whole_steps_from_minus_to_plus_full_scale():
     ramp = np.linspace(-3, 3, 601)
     samples = (ramp + 0.5j * ramp).astype(np.complex64)[:, None]

@@ -17,23 +17,6 @@ PULSE_M = C / 2 / 15.1875e6
 """From one pulse of the X4 to the next."""
 
 
-@pytest.mark.parametrize("speed_mps", [0.4, -1.5, 4.0, 11.0])
-def test_a_frame_is_the_mean_of_looks_spread_over_the_integration(speed_mps):
-    """4000 looks at a scatterer that really moves: amplitude, place and phase change from look to look."""
-    radar = Radar.preset("x4", prf_hz=250, integration_share=0.9)
-    time_s = (np.arange(4000) + 0.5) / 4000 * 0.9 / 250
-    time_s -= time_s.mean()
-    looks = make_table(4.0 - speed_mps * time_s, radial_velocity=speed_mps)
-    mean = synthesise(looks, change_radar(radar, integration_share=0.0)).values.astype(complex).mean(axis=0)
-    frame = synthesise(make_table([4.0], radial_velocity=speed_mps), radar).values[0]
-    peak = np.abs(synthesise(make_table([4.0]), radar).values).max()
-    n = np.abs(frame).argmax()
-    if speed_mps < 10:  # not near a null
-        assert 20 * np.log10(abs(frame[n] / mean[n])) == pytest.approx(0.0, abs=0.02)
-    # what is left out, the migration of the envelope in the integration: -29 dB of the echo at rest
-    assert np.abs(frame - mean).max() < 0.04 * peak
-
-
 def test_noise_of_a_cw_radar_belongs_to_the_same_integration():
     plain = Radar.preset("xband-cw", integration_share=0.0)
     half = Radar.preset("xband-cw", integration_share=0.5)
@@ -59,26 +42,6 @@ def test_an_echo_is_that_of_all_pulses_that_ever_left(change, range_m):
     found = synthesise(make_table([range_m]), radar).values[0]
     wanted = pulse_train(radar, range_m)
     assert np.abs(found - wanted).max() < 2e-6 * np.abs(wanted).max() + 1e-6 * np.abs(pulse_train(radar, 43.3)).max()
-
-
-@pytest.mark.parametrize("waveform", ["rectangular", "lfm"])
-def test_matched_pulses_fold_whole(waveform):
-    """The folded response is that of the same radar at the place where it appears, but for level and phase."""
-    own = {"sweep_s": 4e-9} if waveform == "rectangular" else {"sweep_s": 2e-8, "bandwidth_hz": 4e8}
-    radar = Radar(
-        waveform=waveform, carrier_hz=7.29e9, prf_hz=1000, sample_rate_hz=2e9, range_stop_m=9.6,
-        pulse_rate_hz=15.1875e6, **own,
-    )  # fmt: skip
-    unfolded = change_radar(radar, fold_echoes=False)
-    assert not np.abs(synthesise(make_table([14.0]), unfolded).values).any()
-    found = synthesise(make_table([14.0, 14.0 - PULSE_M], radial_velocity=3.0), radar).values
-    ratio = ((14.0 - PULSE_M) / 14.0) ** 2  # the carrier turns whole times between two pulses
-    assert found[0] == pytest.approx(found[1] * ratio, abs=2e-6 * float(np.abs(found[0]).max()))
-    # a response that reaches beyond the next pulse goes on at the start of the frame
-    at_end, cut = (np.abs(synthesise(make_table([9.5]), r).values[0]) for r in (radar, unfolded))
-    assert at_end[-10:] == pytest.approx(cut[-10:], rel=1e-5)
-    if waveform == "rectangular":  # the triangle's flank
-        assert at_end[0] / at_end.max() == pytest.approx(1 - (PULSE_M - 9.5) / (C * 4e-9 / 2), abs=0.02)
 
 
 def test_reflections_beyond_the_next_pulse_fold_and_truth_does_not():

@@ -196,6 +196,7 @@ def test_a_recording_of_a_plain_array(values, options, shape, prf_hz):
         (IQ, {"prf_hz": 500.0}, r"array: carrier_hz is stated nowhere; give carrier_hz=... "),
         (IQ.reshape(3, 10, 10), {"prf_hz": 500.0, "carrier_hz": 24e9}, r"has the shape \(3, 10, 10\)"),
         (IQ, {"prf": 500.0, "carrier_hz": 24e9}, "prf: unknown key; allowed are .*prf_hz"),
+        (IQ, {"radar": "xband-cw", "carrier_hz": 24e9}, "array: carrier_hz = 2.4e.10 is that of another radar than xb"),
     ],
 )
 def test_what_a_plain_array_lacks_is_named(values, options, said):

@@ -517,7 +517,7 @@ REFUSALS = {
 
 @pytest.mark.parametrize("again_s", [60.0, 0.0])
 def test_every_different_refusal_is_said_once_and_later_with_its_number(monkeypatch, again_s):
-    monkeypatch.setattr("doppelgait.radar.sources.AGAIN_S", again_s)
+    monkeypatch.setattr("doppelgait.radar.streams.AGAIN_S", again_s)
     stream = open_stream("tcp://:0", timeout_s=5.0, once=False)
     for number, sent in enumerate([*REFUSALS, *REFUSALS]):
         send_all(stream, sent)

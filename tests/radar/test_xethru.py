@@ -1,4 +1,4 @@
-"""XeThru records and meta files against layouts packed by hand, names, chains of folders and several files."""
+"""XeThru records, names and chains of folders; files of the recorder are in ``test_xethru_shared.py``."""
 
 import struct
 from collections.abc import Iterator
@@ -11,15 +11,12 @@ import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, OutputError, RecordingError
 from doppelgait.radar.xethru import TimedRecord, make_records, read_xethru, sniff_xethru, write_xethru
-from doppelgait.radar.xethru.records import DATA_TYPES, META_NAME, find_data_type_by_file, pack_meta, parse_records
+from doppelgait.radar.xethru.records import DATA_TYPES, META_NAME, find_data_type_by_file, parse_records
 from xethru_files import add_user_headers, write_chain
 
 START = datetime(2026, 11, 21, 1, 8, 48, 634_000, tzinfo=UTC)
 START_MS = 1_795_223_328_634
 
-PROFILE = {"frame_counter": 9, "bin_length_m": 0.5, "sample_rate_hz": 2.0, "carrier_hz": 7.0, "range_start_m": 0.25}
-RADAR = {**PROFILE, "frame_rate_hz": 100.0}
-BASEBAND = {**RADAR, "decimation": 8, "correction_bin": 2, "correction_i": 0.5, "correction_q": 0.75}
 MATRIX = {"frame_counter": 1, "matrix_counter": 2, "range_index": 3, "range_bins": 4, "instance": 6}
 RATES = {
     "frame_rate_hz": 17.0,
@@ -30,22 +27,6 @@ RATES = {
 }
 STEPS = {"level_start_db": -100.0, "level_step_db": 0.5}
 LAYOUTS = {
-    "datafloat": ({"content_id": 17, "info": 7, "values": [1.0, 2.0]}, "<III2f", (17, 7, 2, 1, 2)),
-    "databyte": ({"content_id": 17, "info": 7, "values": [1, 2]}, "<III2B", (17, 7, 2, 1, 2)),
-    "baseband_iq": ({**PROFILE, "i": [1, 2], "q": [3, 4]}, "<II4f4f", (9, 2, 0.5, 2, 7, 0.25, 1, 2, 3, 4)),
-    "baseband_ap": (
-        {**PROFILE, "amplitude": [1, 2], "phase_rad": [3, 4]}, "<II4f4f", (9, 2, 0.5, 2, 7, 0.25, 1, 2, 3, 4),
-    ),
-    "radar_rf": ({**RADAR, "counts": [5, 6]}, "<II5f2I", (9, 2, 0.5, 2, 7, 100, 0.25, 5, 6)),
-    "radar_rf_normalized": ({**RADAR, "values": [5, 6]}, "<II5f2f", (9, 2, 0.5, 2, 7, 100, 0.25, 5, 6)),
-    "radar_baseband_float": (
-        {**BASEBAND, "i": [1, 2], "q": [3, 4]}, "<II5fII2f4f",
-        (9, 2, 0.5, 2, 7, 100, 0.25, 8, 2, 0.5, 0.75, 1, 2, 3, 4),
-    ),
-    "radar_baseband_q15": (
-        {**BASEBAND, "scale": 0.125, "i": [1, -2], "q": [3, 4]}, "<II5fII2ff4h",
-        (9, 2, 0.5, 2, 7, 100, 0.25, 8, 2, 0.5, 0.75, 0.125, 1, -2, 3, 4),
-    ),
     "pulsedoppler_float": (
         {**MATRIX, **RATES, "power": [1, 2]}, "<6I5f2f", (1, 2, 3, 4, 2, 6, 17, 8.5, -4, 0.5, 1.5, 1, 2),
     ),
@@ -54,6 +35,7 @@ LAYOUTS = {
         (1, 2, 3, 4, 2, 6, -100, 0.5, 17, 8.5, -4, 0.5, 1.5, 1, 2),
     ),
 }  # fmt: skip
+"""Layouts of which the recorder's own files hold no record with all fields."""
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
@@ -96,66 +78,11 @@ def some(times_ms: list[int], name: str = "datafloat") -> list[TimedRecord]:
     return [TimedRecord(t, name, packet(k)) for k, t in enumerate(times_ms)]
 
 
-def entry(time_ms: int, kind: int, mask: int, size: int, file: int, offset: int, total: int) -> bytes:
-    return struct.pack("<IBIIIqq", time_ms, kind, mask, size, file, offset, total)
-
-
-def meta_by_hand(entries: list[bytes], names: list[str], *, mask: int, total: int, largest: int, stop_ms: int) -> bytes:
-    """The documented layout of version 13, written down once more."""
-    table = b"".join(entries)
-    head = struct.pack(
-        "<IIqBIqqIqII", 0xA0B1C2D3, 13, START_MS, 1, stop_ms, total, 91 + len(table), mask, -1, largest, 0
-    )
-    trailer = struct.pack("<IBI", stop_ms, 3, len(names))
-    trailer += b"".join(struct.pack("<I", len(n) + 1) + n.encode() + b"\0" for n in names)
-    return head + b"\xcd" * 28 + struct.pack("<I", 2) + b"S\0" + table + trailer
-
-
-def test_files_are_as_documented_byte_for_byte(tmp_path: Path) -> None:
-    folder = write_xethru(tmp_path, some([0, 20]), start_time=START, session_id="S", stop_ms=91)
-    assert folder.name == "xethru_recording_20261121_010848_S"
-    name = "xethru_datafloat_20261121_010848.dat"
-    assert sorted(p.name for p in folder.iterdir()) == [name, META_NAME]
-    assert (folder / name).read_bytes() == packet(0) + packet(1)
-    rows = [entry(0, 1, 1024, 28, 0, 0, 28), entry(20, 1, 1024, 28, 0, 28, 56), entry(91, 2, 1024, 0, 0, 56, 56)]
-    wanted = meta_by_hand(rows, [name], mask=1024, total=56, largest=28, stop_ms=91)
-    assert (folder / META_NAME).read_bytes() == wanted
-
-
 def test_names_show_the_time_of_the_zone_and_the_meta_the_instant(tmp_path: Path) -> None:
     there = START.astimezone(timezone(timedelta(hours=8)))
     folder = write_xethru(tmp_path, some([0]), start_time=there, session_id="S")
     assert folder.name == "xethru_recording_20261121_090848_S"
     assert read_xethru(folder).start_ms == START_MS
-
-
-def test_two_types_and_a_user_header(tmp_path: Path) -> None:
-    iq = make_records("baseband_iq", **PROFILE, i=[1], q=[2]).tobytes()
-    rows = [
-        entry(5, 1, 0xFFFFFFFF - 1024, 4, 0, 0, 4), entry(5, 1, 1024, 28, 0, 4, 32),
-        entry(6, 1, 0xFFFFFFFF - 2, 4, 1, 0, 36), entry(6, 1, 2, 32, 1, 4, 68),
-        entry(9, 2, 2, 0, 1, 36, 68), entry(9, 2, 1024, 0, 0, 32, 68),
-    ]  # fmt: skip
-    names = ["xethru_datafloat_20261121_010848.dat", "xethru_baseband_iq_20261121_010848.dat"]
-    wanted = meta_by_hand(rows, names, mask=1026, total=68, largest=32, stop_ms=9)
-    (tmp_path / META_NAME).write_bytes(wanted)
-    for name, content in zip(names, (packet(0), iq), strict=True):
-        (tmp_path / name).write_bytes(b"HEAD" + content)
-    back = read_xethru(tmp_path)
-    assert pack_meta(back.metas[0]) == wanted
-    assert back.user_headers == {"datafloat": b"HEAD", "baseband_iq": b"HEAD"}
-    assert back.streams["baseband_iq"].records["q"].tolist() == [[2.0]]
-    assert back.streams["datafloat"].time_ms.tolist() == [5]
-
-
-def test_a_type_in_several_files_is_one_stream(tmp_path: Path) -> None:
-    names = ["xethru_datafloat_20261121_010848.dat", "xethru_datafloat_20261121_010848_655ms.dat"]
-    rows = [entry(400 * k, 1, 1024, 28, k // 2, 28 * (k % 2), 28 * k + 28) for k in range(4)]
-    (tmp_path / META_NAME).write_bytes(meta_by_hand(rows, names, mask=1024, total=112, largest=28, stop_ms=1200))
-    for k, name in enumerate(names):
-        (tmp_path / name).write_bytes(packet(2 * k) + packet(2 * k + 1))
-    stream = read_xethru(tmp_path).streams["datafloat"]
-    assert (stream.records["info"].tolist(), stream.time_ms.tolist()) == ([0, 1, 2, 3], [0, 400, 800, 1200])
 
 
 def test_folders_that_are_chained(tmp_path: Path) -> None:

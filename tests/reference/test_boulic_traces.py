@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from doppelgait.motion.models import boulic, boulic_walk, compute_boulic_points
+from doppelgait.motion.models import boulic, boulic_walk
+from doppelgait.motion.models.boulic import compute_boulic_points
 from doppelgait.motion.models.human_body import POINTS
 
 pytestmark = pytest.mark.shared

@@ -1,4 +1,4 @@
-"""Ellipsoid scatterers (E-08c, E-08f, E-08g) against closed forms and integrals."""
+"""Bodies: ellipsoids (E-08c, E-08f, E-08g), limbs and what hides them (E-08e), by closed forms, integrals and rays."""
 
 from dataclasses import replace
 
@@ -7,20 +7,27 @@ import pytest
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import read_axis
-from doppelgait.motion import make_motion
-from doppelgait.motion.models.boulic import boulic_walk
+from doppelgait.motion import make_motion, read
+from doppelgait.motion.models import human_gait
+from doppelgait.motion.models.boulic import LENGTHS, boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
 from doppelgait.motion.retime import fit_spline
-from doppelgait.scene import RcsSpec, Scene, Target, assemble, place
+from doppelgait.pipeline import choose_lowest_prf
+from doppelgait.radar import Radar
+from doppelgait.scene import RcsSpec, Scene, Target, assemble, bodies, place
 from doppelgait.scene.bodies import (
     PERSON,
+    ROUND_SHARE,
     Ellipsoids,
+    Limb,
     Segment,
     Skeleton,
     build_skeleton,
     compute_ellipsoids,
+    draw_surface,
     ellipsoid_rcs_m2,
     find_nearest_points,
+    make_limbs,
     mean_rcs_m2,
     see_ellipsoids,
 )
@@ -319,3 +326,250 @@ def test_a_bistatic_echo_takes_the_shortest_way_over_the_surface():
             point = body.centre_m[i, n] + shape @ np.stack([side, np.cross(along, side), along])
             ways = sum(np.linalg.norm(point - np.array(at), axis=1) for at in (scene.radar_position_m, receiver))
             assert table["range"].values[i, n] == pytest.approx(ways.min() / 2, abs=2e-3)
+
+
+SMOOTH = np.zeros((2, 128))
+PULSES_S = np.arange(0.0, 1.0, 0.002)
+
+
+def fade(s):
+    return np.sin(0.5 * np.pi * np.minimum(1.0, np.minimum(s, 1 - s) / ROUND_SHARE)) ** 2
+
+
+def integrate_surface(limb, angle_rad, range_m, wavelength_m):
+    """Physical optics of the lit side of a cone, point by point: sqrt(sigma) and phase against the specular point."""
+    k, (first, last) = 2 * np.pi / wavelength_m, limb.radii_m
+    s = (np.arange(1200) + 0.5) / 1200
+    turn = (np.arange(700) + 0.5) / 700 * np.pi - np.pi / 2
+    radius = first + (last - first) * s[:, None]
+    slope = (last - first) / limb.length_m
+    place = np.stack([radius * np.cos(turn), radius * np.sin(turn), (s[:, None] - 0.5) * limb.length_m + 0 * turn], -1)
+    normal = np.stack(
+        [np.cos(turn) + 0 * s[:, None], np.sin(turn) + 0 * s[:, None], -slope + 0 * radius + 0 * turn], -1
+    )
+    normal /= np.sqrt(1 + slope**2)
+    radar = range_m * np.array([np.cos(angle_rad), 0.0, np.sin(angle_rad)])
+    sight = radar - place
+    apart = np.linalg.norm(sight, axis=-1)
+    lit = np.maximum((normal * sight).sum(-1) / apart, 0.0)
+    area = radius * np.sqrt(1 + slope**2) * (limb.length_m / s.size) * (np.pi / turn.size)
+    phase = -2 * k * (apart - range_m + (first + last) / 2 * np.cos(angle_rad))
+    field = np.sqrt(4 * np.pi) / wavelength_m * (lit * area * fade(s)[:, None] * np.exp(1j * phase)).sum()
+    return abs(field), np.angle(field)
+
+
+@pytest.mark.parametrize("carrier_hz", [7.29e9, 60e9])
+@pytest.mark.parametrize(("range_m", "most_db"), [(1.5, 1.5), (40.0, 0.5)])
+def test_a_cone_reflects_like_the_integral_over_its_surface(carrier_hz, range_m, most_db):
+    wavelength_m, rng = 299792458.0 / carrier_hz, np.random.default_rng(int(range_m))
+    for _ in range(3):
+        limb = Limb(rng.uniform(0.2, 0.45), tuple(rng.uniform(0.03, 0.09, 2)), 0.0, SMOOTH)
+        broadside = -np.arctan((limb.radii_m[1] - limb.radii_m[0]) / limb.length_m)
+        for angle in broadside + np.linspace(-0.8, 0.8, 5) * wavelength_m / (2 * limb.length_m):
+            size, phase = limb.compute_field(np.array([np.sin(angle)]), np.array([range_m]), wavelength_m)
+            wanted, wanted_phase = integrate_surface(limb, angle, range_m, wavelength_m)
+            if wanted > 0.3 * limb.length_m:  # main lobe
+                assert 20 * np.log10(size[0] / wanted) == pytest.approx(0.0, abs=most_db)
+                turned = np.angle(np.exp(1j * (phase[0] - wanted_phase)))
+                assert turned == pytest.approx(np.pi / 4, abs=0.3)  # of the circumference, the same for all limbs
+
+
+def test_a_bulging_limb_is_an_ellipsoid_about_its_middle():
+    limb = Limb(0.4, (0.05, 0.05), 0.04, SMOOTH)
+    size, _ = limb.compute_field(np.zeros(1), np.full(1, 1e6), 0.005)
+    assert size[0] ** 2 == pytest.approx(np.pi * 0.05 * 0.4 / (8 * 0.04), rel=0.1)  # pi R1 R2
+
+
+RUN = human_gait(gait="run", speed_mps=3.5, duration_s=1.2)
+GALLOP = quadruped_gait(gait="gallop", speed_mps=4.0, duration_s=1.2)
+
+
+def test_roughness_has_the_drawn_height_and_correlation(monkeypatch):
+    skeleton, lag_m = build_skeleton(boulic_walk(duration_s=1.0)), 0.02
+    for name, law in {"ROUGHNESS_M": (0.002, 0.002), "CORRELATION_M": (lag_m, lag_m)}.items():
+        monkeypatch.setattr(bodies, name, law)
+    waves_m = np.array([draw_surface(skeleton, np.random.default_rng(n)).waves_m for n in range(400)])
+    power = 0.5 * np.square(waves_m).sum(axis=2).mean(axis=0)  # of each limb's waves
+    length_m = np.array([limb.length_m for limb in make_limbs(skeleton, draw_surface(skeleton, None), 1.75).values()])
+    turns = 2 * np.pi * 0.8 * np.arange(1, 129) * lag_m / length_m[:, None]
+    np.testing.assert_allclose(power.sum(axis=1), 0.002**2, rtol=0.1)
+    alike = (power * np.cos(turns)).sum(axis=1) / power.sum(axis=1)
+    np.testing.assert_allclose(alike, np.exp(-1), atol=0.13)  # the longest waves of 1.25 limbs are missing
+
+
+@pytest.mark.parametrize("motion", [boulic_walk(duration_s=1.2), RUN, GALLOP], ids=["walk", "run", "gallop"])
+@pytest.mark.parametrize("wavelength_m", [0.0411, 0.0125, 0.005])
+def test_the_mean_over_directions_is_the_total(motion, wavelength_m):
+    totals, rcs = [], {"kind": "surfaces", "total_m2": 0.5}
+    for number in range(36):
+        target = Target(motion, rcs=rcs, start_position_m=(90.0, 0.0), heading_deg=10.0 * number)
+        rows = assemble(Scene([target]), PULSES_S[::5], wavelength_m=wavelength_m, rng=np.random.default_rng(3))
+        totals.append(float(rows["rcs"].sum("scatterer").mean()))
+    assert np.mean(totals) == pytest.approx(0.5, rel=0.04)
+
+
+@pytest.mark.parametrize(("receiver_m", "least"), [(None, 0.999), ((0.0, 3.0, 1.0), 0.9985), ((0.0, 8.0, 1.0), 0.99)])
+def test_the_echo_of_a_limb_is_the_integral_along_its_rough_line(receiver_m, least):
+    wavelength_m, times = 0.0411, PULSES_S[:700]
+    walk = human_gait(speed_mps=1.4, duration_s=2.0)
+    scene = Scene([Target(walk, rcs="surfaces", range_m=4.0, aspect_deg=20.0)], receiver_position_m=receiver_m)
+    rows = assemble(scene, times, wavelength_m=wavelength_m, rng=np.random.default_rng(1))
+    skeleton, k = build_skeleton(place(scene).targets[0].motion), 2 * np.pi / wavelength_m
+    body, surface = compute_ellipsoids(skeleton, times), draw_surface(skeleton, np.random.default_rng(1))
+    ends = np.array([scene.radar_position_m, receiver_m or scene.radar_position_m])
+    s = (np.arange(1500) + 0.5) / 1500
+    turns = 2 * np.pi * 0.8 * np.outer(s, np.arange(1, 129))  # waves of 1.25 limbs and shorter
+    for n, limb in make_limbs(skeleton, surface, walk.facts.height_m).items():
+        along = body.along[:, n, None]
+        line = body.centre_m[:, n, None] + (s - 0.5)[:, None] * limb.length_m * along
+        sight = sum((end - line) / np.linalg.norm(end - line, axis=-1, keepdims=True) for end in ends)
+        side = sight - (sight * along).sum(axis=-1, keepdims=True) * along
+        side /= np.linalg.norm(side, axis=-1, keepdims=True)
+        radius = limb.radii_m[0] + (limb.radii_m[1] - limb.radii_m[0]) * s
+        height = limb.bulge * limb.length_m * (1 - (2 * s - 1) ** 2)
+        height += np.cos(turns) @ limb.waves_m[0] + np.sin(turns) @ limb.waves_m[1]
+        skin = line + (radius + height)[:, None] * side
+        ways = sum(np.linalg.norm(end - skin, axis=-1) for end in ends)
+        wanted = (fade(s) * np.sqrt(radius) * np.exp(-1j * k * ways)).mean(axis=1)
+        echo, phase = rows["rcs"].values[:, n] ** 0.5, rows["path_phase"].values[:, n]
+        echo = echo * np.exp(1j * (phase - 2 * k * rows["range"].values[:, n]))
+        alike = abs(np.vdot(wanted, echo)) / np.linalg.norm(wanted) / np.linalg.norm(echo)
+        assert alike > least, (skeleton.segments[n].name, alike)
+
+
+def test_the_lowest_frame_rate_is_that_of_the_ends_of_limbs():
+    scenes = [Scene([Target(RUN, rcs=kind)]) for kind in ("surfaces", "auto", "equal")]
+    assert len({choose_lowest_prf(scene, Radar.preset("x4"), cpi_s=0.1).prf_hz for scene in scenes}) == 1
+
+
+def test_one_point_for_two_joints_is_no_body():
+    for motion, name in ((boulic_walk(duration_s=1.0), "neck"), (quadruped_gait(duration_s=1.0), "nose")):
+        kept = [n for n, marker in enumerate(motion.markers) if marker != name]
+        poor = motion.with_points(
+            motion.position_m[:, kept], *([v[n] for n in kept] for v in (motion.markers, motion.parts))
+        )
+        assert assemble(Scene([Target(poor)]), PULSES_S[:10], wavelength_m=0.0411).sizes["scatterer"] == len(kept)
+        with pytest.raises(ConfigError, match=r"no own point of the motion is (head|nose)"):
+            build_skeleton(poor)
+
+
+def ball(centre, radius=0.2):
+    shape = (1, 1, 3)
+    z = np.broadcast_to([0.0, 0.0, 1.0], shape)
+    return bodies.Ellipsoids(
+        np.broadcast_to(centre, shape).astype(float), z.copy(), np.zeros(shape), np.full((1, 3), radius)
+    )
+
+
+def none_own(n_points, n_ellipsoids=1):
+    return np.zeros((n_points, n_ellipsoids), dtype=bool)
+
+
+def matrices(body):
+    """Inverse shape matrices of all ellipsoids from their axes, shape (I, S, 3, 3)."""
+    across, upright, along = np.moveaxis(body.semi_axes_m, -1, 0)
+    side = body.across.copy()
+    bare = (np.abs(side).sum(axis=-1) == 0)[..., None]
+    # an ellipsoid of revolution has any side
+    guess = np.cross(body.along, np.where(np.abs(body.along[..., :1]) < 0.9, [1.0, 0, 0], [0, 1.0, 0]))
+    side = np.where(bare, guess / np.linalg.norm(guess, axis=-1, keepdims=True), side)
+    up = np.cross(body.along, side)
+    return sum(
+        np.einsum("isj,isk->isjk", e, e) / (s**2)[None, :, None, None]
+        for e, s in ((side, across), (up, upright), (body.along, along))
+    )
+
+
+def marched(points, body, own, radar, n_steps=1500):
+    """Smallest quadratic form along every line of sight over all ellipsoids that may hide, shape (I, P)."""
+    inverse = matrices(body)
+    smallest = np.full(points.shape[:2], np.inf)
+    for step in np.linspace(0, 1, n_steps) ** 2 * 0.5:  # the nearer half, finer near the point
+        ray = points + step * (radar - points)
+        offset = ray[:, :, None] - body.centre_m[:, None]
+        form = np.einsum("ipsj,isjk,ipsk->ips", offset, inverse, offset)
+        smallest = np.minimum(smallest, np.where(own[None], np.inf, form).min(axis=-1))
+    return smallest
+
+
+@pytest.mark.parametrize("aspect_deg", [0.0, 60.0, 90.0, 170.0])
+@pytest.mark.parametrize("body", [boulic_walk(duration_s=1.0), quadruped_gait(duration_s=1.0)])
+def test_who_is_hidden_is_what_marched_rays_say(body, aspect_deg):
+    scene = Scene([Target(body, aspect_deg=aspect_deg)])
+    placed = place(scene).targets[0].motion
+    motion = replace(placed, positions=placed.positions.isel(time=slice(0, 250, 50)))
+    body = bodies.compute_ellipsoids(bodies.build_skeleton(motion))
+    points, radar = motion.position_m, np.array(scene.radar_position_m)
+    own = bodies.find_own_points(points, body)
+    gain = bodies.compute_visible_power(points, body, own, radar, edge_m=1e-5)
+    form = marched(points, body, own, radar)
+    within = marched(points, body, own, points, n_steps=1) < 1  # in another limb of the model: not a line past it
+    clear = (np.abs(form - 1) > 1e-2) & ~within  # the steps of the march are not finer than that
+    hidden = form < 1
+    np.testing.assert_array_equal(gain[clear] < 0.5, hidden[clear])
+    assert clear[~within].mean() > 0.98
+    assert within.mean() < 0.06  # shoulders and elbows of a dog reach into its chest, which bends with the trunk
+    assert set(np.unique(gain[clear])) <= {0.0, 1.0}
+    assert (hidden.any(), (~hidden).any()) == (True, True)
+
+
+def test_the_border_of_a_ball_is_where_and_as_wide_as_stated():
+    radius, radar = 0.2, np.array([1e8, 0.0, 0.0])
+    height = np.linspace(0, 0.4, 401)
+    points = np.stack([np.full(401, -2.0), np.zeros(401), height], axis=-1)[None]
+    gain = bodies.compute_visible_power(points, ball([0, 0, 0], radius), none_own(401), radar)[0]
+    assert (gain[height < radius - bodies.EDGE_M * 1.2] == 0).all()
+    assert (gain[height > radius + bodies.EDGE_M * 1.2] == 1).all()
+    assert (np.diff(gain) >= 0).all()
+    assert gain[200] == pytest.approx(0.25, abs=0.01)  # at the edge half the amplitude
+    # first-order clearance of a ball, (h^2 - r^2) / (2 h), and the ramp of degree 5
+    clearance = (height[1:] ** 2 - radius**2) / (2 * height[1:])
+    x = np.clip((clearance + bodies.EDGE_M) / (2 * bodies.EDGE_M), 0, 1)
+    np.testing.assert_allclose(gain[1:], (6 * x**5 - 15 * x**4 + 10 * x**3) ** 2, atol=1e-6)
+
+
+def test_a_point_that_comes_from_behind_to_before_does_not_click():
+    """Through a ball along the line of sight and across it: no step of amplitude beyond the slope of the ramps."""
+    radar, step_m = np.array([100.0, 0.0, 0.0]), 1e-4
+    for direction in (np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0.7, 0.7, 0.1])):
+        for aside in (0.0, 0.1, 0.22):
+            way = np.arange(-1, 1, step_m)[:, None] * direction + np.array([0, 0, aside])
+            amplitude = np.sqrt(
+                bodies.compute_visible_power(way[None], ball([0, 0, 0]), none_own(way.shape[0]), radar)[0]
+            )
+            # 15/8 is the steepest slope of the ramp; the clearance of a ball deeper than its edge changes faster
+            assert np.abs(np.diff(amplitude)).max() < 3 * (15 / 8) * step_m / bodies.EDGE_M
+
+
+def test_an_ellipsoid_does_not_hide_what_it_contains():
+    walk = boulic_walk(duration_s=1.0)
+    skeleton = bodies.build_skeleton(walk)
+    own = bodies.find_own_points(walk.position_m, bodies.compute_ellipsoids(skeleton))
+    names, points = [s.name for s in skeleton.segments], walk.markers
+    for n, segment in ((n, s) for n, s in enumerate(skeleton.segments) if not s.joint):
+        assert own[points.index(segment.start), n], names[n]
+        assert own[points.index(segment.end), n], names[n]
+    assert not own[points.index("left_hand"), names.index("torso")]
+    assert own.sum() < 0.25 * own.size
+
+
+def test_without_the_option_every_path_gain_is_1():
+    table = assemble(Scene([Target(boulic_walk(duration_s=1.0), aspect_deg=90.0)]), np.arange(0, 1, 0.1))
+    assert (table["path_gain"].values == 1).all()
+
+
+@pytest.mark.shared
+def test_a_recorded_person_has_the_ellipsoids_of_a_person(shared):
+    take = read(shared / "data" / "mocap" / "human" / "c3d" / "cmu_07_12.c3d")
+    skeleton = build_skeleton(take)
+    lengths_m = dict(zip([s.name for s in skeleton.segments], 2 * skeleton.semi_axes_m[:, 2], strict=True))
+    for side in ("left", "right"):
+        for name in ("thigh", "shank", "upper_arm", "forearm"):
+            # skin markers are some centimetres off the joints, and people differ
+            assert lengths_m[f"{side}_{name}"] / take.facts.height_m == pytest.approx(LENGTHS[name], rel=0.25), name
+    scene = Scene([Target(take, aspect_deg=90.0, rcs=RcsSpec(kind="surfaces", total_m2=0.8, occlusion=True))])
+    table = assemble(scene, np.arange(0, 2.0, 0.01), wavelength_m=0.0411, rng=np.random.default_rng(3))
+    assert 0.5 < table["rcs"].values.sum(axis=1).mean() < 1.1  # other sides, 0.57 to 0.96
+    gain = dict(zip(read_axis(table, "marker").tolist(), table["path_gain"].values.mean(axis=0), strict=True))
+    assert min(gain["left_upper_arm"], gain["right_upper_arm"]) < 0.3
+    assert max(gain["left_upper_arm"], gain["right_upper_arm"]) > 0.9

@@ -198,10 +198,17 @@ def test_the_middle_of_the_stay_is_where_a_body_with_a_range_is():
     assert np.hypot(track.range_m, 0) == pytest.approx([5.2, 4.0, 2.8], abs=0.1)
 
 
-def test_a_body_is_seen_while_it_is_there_and_appears_without_a_click():
-    recording = dg.simulate(Scene([visitor()], duration_s=6.0), dg.Radar.preset("x4", prf_hz=600.0))
-    power = np.square(np.abs(recording.samples.matrix)).sum(axis=1)
-    time_s, (truth,) = recording.slow_time_s, recording.truth
+RADAR = dg.Radar.preset("x4", prf_hz=600.0)
+
+
+@pytest.fixture(scope="module")
+def visit():
+    return dg.simulate(Scene([visitor()], duration_s=6.0), RADAR)
+
+
+def test_a_body_is_seen_while_it_is_there_and_appears_without_a_click(visit):
+    power = np.square(np.abs(visit.samples.matrix)).sum(axis=1)
+    time_s, (truth,) = visit.slow_time_s, visit.truth
     there = (time_s >= 1.0) & (time_s <= 4.0)
     assert (power[~there] == 0).all()
     assert (power[(time_s > 1.05) & (time_s < 3.95)] > 0).all()
@@ -211,32 +218,29 @@ def test_a_body_is_seen_while_it_is_there_and_appears_without_a_click():
     assert np.isnan(truth.doppler_hz(0.04)[~there]).all()
     assert len(truth.body["time"]) == pytest.approx(3.0 * 60, abs=2)
     # at once, a body would be as bright beyond all speeds of limbs as a hundredth of itself
-    edge = np.abs(np.fft.fft(recording.samples.matrix[550:650] * np.hanning(100)[:, None], axis=0)) ** 2
+    edge = np.abs(np.fft.fft(visit.samples.matrix[550:650] * np.hanning(100)[:, None], axis=0)) ** 2
     assert edge[40:60].sum() < 1e-5 * edge.sum()
 
 
-def test_a_recording_of_a_visit_is_read_as_it_was_written(tmp_path):
-    recording = dg.simulate(Scene([visitor()], duration_s=6.0), dg.Radar.preset("x4", prf_hz=600.0))
-    dg.radar.write_recording(recording, tmp_path / "visit.h5")
+def test_a_recording_of_a_visit_is_read_as_it_was_written(tmp_path, visit):
+    dg.radar.write_recording(visit, tmp_path / "visit.h5")
     again = dg.radar.read_recording(tmp_path / "visit.h5").truth[0]
-    np.testing.assert_array_equal(again.centre_range_m, recording.truth[0].centre_range_m)
+    np.testing.assert_array_equal(again.centre_range_m, visit.truth[0].centre_range_m)
 
 
-def test_the_gate_of_the_truth_is_that_of_the_stay():
-    scene, radar = Scene([visitor()], duration_s=6.0), dg.Radar.preset("x4", prf_hz=600.0)
-    (result,) = dg.analyze(dg.simulate(scene, radar), gate="truth")
-    (alone,) = dg.analyze(dg.simulate(Scene([visitor(enter_s=0.0, leave_s=None)], duration_s=3.0), radar), gate="truth")
+def test_the_gate_of_the_truth_is_that_of_the_stay(visit):
+    (result,) = dg.analyze(visit, gate="truth")
+    (alone,) = dg.analyze(dg.simulate(Scene([visitor(enter_s=0.0, leave_s=None)], duration_s=3.0), RADAR), gate="truth")
     assert (result.gate.start_s, result.gate.stop_s) == pytest.approx((1.0, 4.0), abs=0.01)
     assert result.features.torso_velocity_mps == pytest.approx(alone.features.torso_velocity_mps, abs=0.05)
-    (empty, *_) = cut_windows(dg.simulate(scene, radar), 0.9, 0.9)
+    (empty, *_) = cut_windows(visit, 0.9, 0.9)
     with pytest.raises(AnalysisError, match="has no truth of a body"):
         dg.analyze(empty.recording, gate="truth")
 
 
 def test_who_leaves_after_the_end_does_not_fade():
     recordings = [
-        dg.simulate(Scene([visitor(enter_s=0.0, leave_s=leave_s)], duration_s=3.0), dg.Radar.preset("x4", prf_hz=600.0))
-        for leave_s in (None, 50.0)
+        dg.simulate(Scene([visitor(enter_s=0.0, leave_s=leave_s)], duration_s=3.0), RADAR) for leave_s in (None, 50.0)
     ]
     np.testing.assert_array_equal(*(one.samples.matrix for one in recordings))
 

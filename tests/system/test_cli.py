@@ -17,7 +17,8 @@ import pytest
 import doppelgait.cli.app as cli_app
 import processes
 from doppelgait.cli.app import main
-from doppelgait.dataset import plan_names
+from doppelgait.dataset import load_plan, plan_names
+from doppelgait.dataset.config import PLANS
 
 START = processes.COMMAND[-1]
 SCENE = """
@@ -279,6 +280,16 @@ def test_wrong_values_are_refused_in_plain_words(tmp_path, arguments, says):
     said = run(*arguments, cwd=tmp_path, code=2).stderr
     assert re.search(says, said), said
     assert "Value error" not in said
+
+
+def test_a_built_in_plan_is_printed_to_be_changed(tmp_path):
+    text = run("dataset", "plan", "home-alarm", "--toml").stdout
+    assert text == (PLANS / "home-alarm.toml").read_text(encoding="utf-8")  # with its comments
+    changed = run("dataset", "plan", "home-alarm", "--toml", "--set", "dataset.examples_per_class=3").stdout
+    (tmp_path / "mine.toml").write_text(changed, encoding="utf-8")
+    assert (
+        load_plan(tmp_path / "mine.toml")[0] == load_plan("home-alarm", overrides=["dataset.examples_per_class=3"])[0]
+    )
 
 
 def test_the_help_of_a_plan_names_all_built_in_plans():

@@ -113,17 +113,22 @@ def round_kernels(network: Learned) -> Learned:
     return replace(network, arrays=own)
 
 
+def find_obstacle(model: Model) -> str:
+    """Return why a model has no form in C, or an empty text."""
+    facts, own = model.facts, model.learned
+    if own.kind == "track" and "kernel.0" in own.arrays and None not in (facts.alarm, facts.alarm_threshold):
+        return ""
+    return f"{facts.name} is no network of tracks with pictures and an alarm; train one with torch"
+
+
 class Sources:
     """Text of an export of a model, with the size of its tables."""
 
     def __init__(self, model: Model, device: Device, *, integers: bool) -> None:
-        facts, own = model.facts, model.learned
-        alarm = (facts.alarm, facts.alarm_threshold)
-        if own.kind != "track" or "kernel.0" not in own.arrays or None in alarm:
-            words = "no network of tracks with pictures and an alarm; train one with torch"
-            raise ConfigError(f"--form c: {facts.name} is {words}")
+        if obstacle := find_obstacle(model):
+            raise ConfigError(f"--form c: {obstacle}")
         self.model, self.device, self.integers = model, device, integers
-        network = drop_features(own)
+        network = drop_features(model.learned)
         self.network = (round_kernels(network) if integers else network).arrays
         self.n_layers = sum(name.startswith("kernel.") for name in self.network)
         self.flash_bytes = 0
@@ -148,7 +153,8 @@ class Sources:
         facts, device, network = self.model.facts, self.device, self.network
         biases = [network[f"bias.{n}"] for n in range(self.n_layers)]
         sizes = [N_COLUMNS * N_CELLS // 4**n * bias.size for n, bias in enumerate(biases, 1)]
-        bin_m, most_mps = device.radar.bin_spacing_m, facts.conditions.get("speed_mps", (0.0, math.inf))[1]
+        whole, bin_m = N_COLUMNS * N_CELLS * N_SLICES, device.radar.bin_spacing_m
+        most_mps = facts.conditions.get("speed_mps", (0.0, math.inf))[1] * TOLERANCE["speed_mps"][1]
         body = max(1, round(BODY_M / bin_m))
         cells = (2 * body + 1) * device.n_doppler * HOPS_PER_COLUMN
         # above 4 times its mean, exponential noise has the mean excess 4 exp(-4) and the variance 17 exp(-4)
@@ -167,59 +173,30 @@ class Sources:
         bias = 3.0 * float(gamma.cdf(gamma.ppf(1.0 / 3.0, bins), bins + 1.0))
         prf_hz, still_s = device.radar.prf_hz, device.still_time_s or math.inf
         column_s = HOPS_PER_COLUMN * device.hop / prf_hz
-        values: dict[str, float] = {
-            "CLASSES": len(facts.classes),
-            "ALARM_CLASS": facts.classes.index(str(facts.alarm)),
-            "BINS": device.radar.n_range_bins,
-            "CPI": device.taper.size,
-            "DOPPLER": device.n_doppler,
-            "HOP": device.hop,
-            "HOPS_PER_COLUMN": HOPS_PER_COLUMN,
-            "COLUMNS": device.n_columns,
-            "HOP_COLUMNS": round(HOP_S / column_s),
-            "TIMES": N_COLUMNS,
-            "VELOCITIES": N_CELLS,
-            "SLICES": N_SLICES,
-            "LAYERS": self.n_layers,
-            "CHANNELS": biases[-1].size,
-            "EMBEDDING": network["embed_bias"].size,
-            "MEMORY": network["gate_bias"].size,
-            "HIDDEN": network["hidden_bias"].size,
-            "EVEN_VALUES": max(N_COLUMNS * N_CELLS * N_SLICES, *sizes[1::2]),
-            "ODD_VALUES": max(sizes[0::2]),
-            "BODY_BINS": body,
-            "CONFIRM": CONFIRM,
-            "MOST_LOST": MOST_LOST,
-            "MOST_SPIKES": MOST_SPIKES,
-            "LEAST_FOUND": math.ceil(LEAST_FOUND * device.n_columns),
-            "ABSTAIN_BELOW": facts.abstain_below,
-            "ALARM_THRESHOLD": float(facts.alarm_threshold or 1.0),
-            "SLOPE": self.model.calibration.slope,
-            "PRF_HZ": prf_hz,
-            "FIRST_M": float(device.radar.range_axis_m()[0]),
-            "BIN_M": bin_m,
-            "ROW_MPS": device.row_mps,
-            "CELL_MPS": CELL_MPS,
-            "SLICE_M": SLICE_M,
-            "COLUMN_S": column_s,
-            "RANGE_DB": RANGE_DB,
-            "SIGNIFICANT": SIGNIFICANT,
-            "LEAST_ENERGY": least,
-            "REACH_M": max(REACH_M, bin_m),
-            "NOISE_BIAS": bias,
-            "POWER_SHARE": 1.0 / device.taper.size,
-            **GAINS,
-            "MOST_MPS": min(most_mps * TOLERANCE["speed_mps"][1], 1e9),
-            "LONGEST_S": LONGEST_S,
-            "MOST_LOG": MOST_LOG,
-            "SCALE": SCALE,
-            "STILL_SHARE": -math.expm1(-1.0 / (still_s * prf_hz)),  # of a pulse in the running mean
-            "TOLERANCE": TOLERANCE_OF_GOLDEN,
-        }
+        of_alarm = facts.classes.index(str(facts.alarm)), float(facts.alarm_threshold or 1.0)
+        values: dict[str, float] = {"CLASSES": len(facts.classes), "ABSTAIN_BELOW": facts.abstain_below}
+        values |= zip(("ALARM_CLASS", "ALARM_THRESHOLD"), of_alarm, strict=True)
+        values |= {"SLOPE": self.model.calibration.slope, "TOLERANCE": TOLERANCE_OF_GOLDEN}
+        values |= {"BINS": device.radar.n_range_bins, "BIN_M": bin_m, "PRF_HZ": prf_hz}
+        values |= {"FIRST_M": float(device.radar.range_axis_m()[0]), "ROW_MPS": device.row_mps}
+        values |= {"CPI": device.taper.size, "DOPPLER": device.n_doppler, "HOP": device.hop}
+        values |= {"HOPS_PER_COLUMN": HOPS_PER_COLUMN, "COLUMNS": device.n_columns, "COLUMN_S": column_s}
+        values |= {"HOP_COLUMNS": round(HOP_S / column_s), "POWER_SHARE": 1.0 / device.taper.size}
+        values |= {"TIMES": N_COLUMNS, "VELOCITIES": N_CELLS, "SLICES": N_SLICES}
+        values |= {"CELL_MPS": CELL_MPS, "SLICE_M": SLICE_M, "RANGE_DB": RANGE_DB}
+        values |= {"LAYERS": self.n_layers, "CHANNELS": biases[-1].size}
+        values |= {"EVEN_VALUES": max(whole, *sizes[1::2]), "ODD_VALUES": max(sizes[0::2])}
+        parts = {"EMBEDDING": "embed", "MEMORY": "gate", "HIDDEN": "hidden"}
+        values |= {key: network[f"{name}_bias"].size for key, name in parts.items()}
+        values |= {"LONGEST_S": LONGEST_S, "MOST_LOG": MOST_LOG, "SCALE": SCALE}
+        values |= {"CONFIRM": CONFIRM, "MOST_LOST": MOST_LOST, "MOST_SPIKES": MOST_SPIKES, **GAINS}
+        values |= {"BODY_BINS": body, "REACH_M": max(REACH_M, bin_m), "MOST_MPS": min(most_mps, 1e9)}
+        values |= {"LEAST_FOUND": math.ceil(LEAST_FOUND * device.n_columns)}
+        values |= {"SIGNIFICANT": SIGNIFICANT, "LEAST_ENERGY": least, "NOISE_BIAS": bias}
+        values |= {"STILL_SHARE": -math.expm1(-1.0 / (still_s * prf_hz))}  # of a pulse in the running mean
         return {key: _format_float(n) if isinstance(n, float) else n for key, n in values.items()}
 
     def _add_array(self, name: str, kind: str, values: Any) -> str:
-        """Add a constant array and return its name."""
         flat = np.ravel(values)
         sized = ("int8_t" if self.integers else "float") if kind == "dg_weight" else kind
         self.flash_bytes += flat.size * SIZES[sized]

@@ -32,6 +32,7 @@ ENVELOPE = "extended_doppler_bandwidth_envelope_hz"
 ENVELOPE_WIDTH = "extended_doppler_bandwidth_envelope_mps"
 
 ALARM_CLASS = "human"  # class of the alarm by default
+SUM_TOLERANCE = 0.01  # of probabilities, which a table may have rounded
 SHARED = "gates_overlap"  # flag of a gate with another body
 
 
@@ -156,6 +157,62 @@ def collect_inputs(
     if features == "speed":
         values = {SPEED: values[SPEED]}
     return Table(np.column_stack(list(values.values())), tuple(values))
+
+
+def collect_answers(given: Any, rows: Rows, tested: IntArray) -> FloatArray:
+    """Return a user's probabilities of all rows (n, n_classes), NaN where there are none; check the tested rows."""
+    number, name, classes = len(rows.datasets) - 1, "answers", list(rows.classes)
+    dataset, own = rows.datasets[number], np.flatnonzero(rows.origin == number)
+    asked = np.union1d(tested, own[rows.index["split"].iloc[own] == "validation"])
+    if callable(given):
+        given = given(replace(dataset, index=dataset.index.iloc[rows.place[asked]].reset_index(drop=True)))
+    elif isinstance(given, str | Path):
+        name, given = str(given), _read_table(Path(given))
+    row_ids = rows.index["id"].astype(str)
+    if not isinstance(given, pd.DataFrame):  # an array of the tested, the asked or all rows, in their order
+        values = np.asarray(given)
+        answered = next((part for part in (tested, asked, own) if values.shape[:1] == (part.size,)), None)
+        if answered is None or values.shape[1:] not in ((), (len(classes),)):
+            raise DatasetError(f"{name}: has the shape {values.shape}; must be ({tested.size}, {len(classes)})")
+        given = pd.DataFrame(values.reshape(answered.size, -1), columns=classes if values.ndim == 2 else [rows.alarm])
+        given["id"] = row_ids.to_numpy()[answered]
+    named = [str(column) for column in given.columns if column in classes]
+    strange = [str(column) for column in given.columns if column not in (*named, *rows.index.columns)]
+    if strange or "id" not in given or len(classes) - len(named) > (len(classes) == 2 and len(named) == 1):
+        raise DatasetError(
+            f"{name}: has the columns {', '.join(map(str, given.columns))}; it needs id and {', '.join(classes)}, the "
+            "probability of each class (of two classes one is enough)"
+        )
+    ids = given["id"].astype(str)
+    faults = {
+        "has two lines": ids[ids.duplicated()],
+        f"is no row of {dataset.directory}": ids[~ids.isin(row_ids.iloc[own])],
+        "is a tested row without a line; rows of train are not scored": row_ids[tested][~row_ids[tested].isin(ids)],
+    }
+    for words, wrong in faults.items():
+        if len(wrong):
+            raise DatasetError(f"{name}: {wrong.iloc[0]!r} {words} ({len(wrong)} such; {tested.size} are tested)")
+    values = np.column_stack([read_numbers(given[column]) for column in named])
+    if len(named) < len(classes):
+        values, named = np.column_stack([values, 1.0 - values]), [*named, *({*classes} - {*named})]
+    bad = ~((values >= 0.0) & (values <= 1.0)).all(axis=1) | (np.abs(values.sum(axis=1) - 1.0) > SUM_TOLERANCE)
+    if bad.any():
+        told = dict(zip(named, values[bad.argmax()].tolist(), strict=True))
+        raise DatasetError(
+            f"{name}: {ids.iloc[bad.argmax()]!r} has {told}; probabilities must be numbers from 0 to 1 with the "
+            f"sum 1, as of a softmax ({int(bad.sum())} of {len(values)} lines are wrong)"
+        )
+    found = np.full((len(rows), len(classes)), np.nan)
+    places = pd.Series(own, row_ids.iloc[own])[ids].to_numpy()
+    found[places] = (values / values.sum(axis=1, keepdims=True))[:, [named.index(label) for label in classes]]
+    return found
+
+
+def _read_table(path: Path) -> pd.DataFrame:
+    try:
+        return pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, dtype={"id": str})
+    except (OSError, ValueError, ImportError) as error:
+        raise DatasetError(f"{path}: is no readable table (CSV or Parquet): {error}") from None
 
 
 def list_windows(rows: Rows) -> list[Seen]:

@@ -19,8 +19,7 @@ from doppelgait.classify.model import (
     collect_conditions,
     describe_outside_conditions,
     find_blocking_flag,
-    read_prf_hz,
-    read_wavelength_m,
+    read_carrier_and_prf_hz,
 )
 from doppelgait.classify.model_file import find_shipped_model, load_model_for_radar, load_shipped_model
 from doppelgait.classify.options import WindowOptions, takes_options
@@ -108,8 +107,7 @@ class TargetInputs:
         known = {name: value for name, value in self.columns.items() if value is not None}
         carrier_hz = float(known.get("carrier_hz", np.nan))
         if self.signature is not None:
-            carrier_hz = SPEED_OF_LIGHT_MPS / read_wavelength_m(self.signature)
-            known["prf_hz"] = read_prf_hz(self.signature)
+            carrier_hz, known["prf_hz"] = read_carrier_and_prf_hz(self.signature)
         found = collect_conditions(known, np.array([carrier_hz]))
         return {name: float(values[0]) for name, values in found.items()}
 
@@ -201,10 +199,7 @@ def choose_model(source: Recording | Sequence[Result]) -> Model:
     """Return the shipped model for a recording's radar."""
     if isinstance(source, Recording):
         return load_model_for_radar(source.radar)
-    signature = source[0].signature
-    return load_shipped_model(
-        find_shipped_model(SPEED_OF_LIGHT_MPS / read_wavelength_m(signature), read_prf_hz(signature))
-    )
+    return load_shipped_model(find_shipped_model(*read_carrier_and_prf_hz(source[0].signature)))
 
 
 def read_training_analysis(model: Model) -> Analysis:
@@ -253,7 +248,6 @@ SHOWN_QUALITY = ("track_range_m", "start_s", "stop_s", "observation_s", "snr_mu_
 
 
 def _warn_about_settings(found: Mapping[str, Any], model: Model) -> None:
-    """Warn where the analysis differs from the training data's."""
     expected = read_training_analysis(model).model_dump(mode="json")
     ignored = ("clutter", "clutter_time_s", "hop")
     other = [name for name, value in expected.items() if name not in ignored and found.get(name, value) != value]

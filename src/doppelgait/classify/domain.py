@@ -29,8 +29,7 @@ from doppelgait.radar.recording import Recording
 
 Statistics = dict[str, float]
 
-WINDOW = 32
-"""Number of pulses in a window of a continuous recording; otherwise each burst is a window."""
+WINDOW = 32  # pulses in a window of a continuous recording; otherwise each burst is a window
 BANDS = 8  # number of Doppler bands of a window, from the minimum to the maximum frequency
 MOST_WINDOWS = 60  # maximum number of windows of a recording, evenly spread
 FOLDS = 5

@@ -19,11 +19,19 @@ from doppelgait import __version__
 from doppelgait.classify import scores, training
 from doppelgait.classify.adapt import adapt_to_rows
 from doppelgait.classify.alarm import confirm, score_alarm
-from doppelgait.classify.data import Rows, Table, all_rows, collect_inputs, collect_rows, select_split, take_rows
+from doppelgait.classify.data import (
+    Rows,
+    Table,
+    all_rows,
+    collect_answers,
+    collect_inputs,
+    collect_rows,
+    select_split,
+    take_rows,
+)
 from doppelgait.classify.learned import (
     LEAST_FAR,
     FloatArray,
-    Inputs,
     IntArray,
     LabelledRows,
     Learned,
@@ -32,6 +40,7 @@ from doppelgait.classify.learned import (
     select_features,
 )
 from doppelgait.classify.model import (
+    ABSTAIN_BELOW,
     BLOCKING,
     ECHOES,
     LEAST_ROWS,
@@ -53,7 +62,7 @@ from doppelgait.classify.model import (
 )
 from doppelgait.classify.options import Options, takes_options
 from doppelgait.classify.scores import DETECTED_SHARE, FALSE_SHARE, LEAST_DETECTED, Answers
-from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS
+from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS, Kind
 from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError, DatasetError, explain_memory
 from doppelgait.core.interrupt import raise_if_stopped
@@ -63,9 +72,14 @@ from doppelgait.dataset.plan import list_names, parse_source
 
 SHUFFLES = 5  # shuffles of a feature for its importance
 LEAST_PROBABILITY = 1e-12
-HELD_FOLDS = 5
-"""One in so many groups is held back for calibration where there is no validation split."""
+HELD_FOLDS = 5  # one in so many groups is held back where there is no validation split
 MOST_LEFT_OUT = 100
+
+
+ANSWERS_NOTE = (
+    "has your own probabilities, as they are: no calibration, a decision from 0.8 on, the alarm's threshold from "
+    "answers to the split validation. Whether the network has learned from tested targets is not known."
+)
 
 
 class Fold(NamedTuple):
@@ -92,8 +106,11 @@ def use_own_splits(rows: Rows, options: Options) -> tuple[list[Fold], list[str]]
     """Return the dataset's own splits."""
     first = rows.datasets[0].directory
     train, held, notes = select_split(rows, "train"), select_split(rows, "validation"), []
-    _check_all_classes(rows, train, f"{first}: the split train")
-    if not held.size:
+    if train.size or options.answers is None or options.models:
+        _check_all_classes(rows, train, f"{first}: the split train")
+    else:
+        notes.append("There are no rows in the split train, so that no baseline is trained.")
+    if train.size and not held.size:
         train, held = next(hold_back(rows, train, options.seed))
         notes.append(f"There is no validation split: {held.size} rows of train were held back for calibration.")
     if len(rows.datasets) == 1:
@@ -197,7 +214,7 @@ class Run(NamedTuple):
     @property
     def is_calibrated(self) -> bool:
         """True if the probabilities of all folds are calibrated."""
-        return all(model.calibration.n_rows > 0 for model in self.models)
+        return bool(self.models) and all(model.calibration.n_rows > 0 for model in self.models)
 
 
 def run_model(
@@ -219,7 +236,7 @@ def run_model(
             # those of an ensemble are shown; for a network of tracks it would take hours
             shuffled = name not in BASELINES and not members and model.learned.kind != "track"
             importance.append(_rank_features(rows, table, model, fold, seed) if shuffled else {})
-        own = _compute_losses(model, table.values[fold.held], rows.labels[fold.held])
+        own = _compute_losses(model.probability(table.values[fold.held]), rows.labels[fold.held])
         losses.append(float(own.mean()) if own.size else np.inf)
         tick()
     mean = {key: float(np.mean([part[key] for part in importance])) for key in importance[0]}
@@ -319,24 +336,36 @@ def describe_model(
     return Model(facts, learned, calibration, spans[0], spans[1], np.isnan(values).mean(axis=0), novelty)
 
 
-def _compute_losses(model: Model, values: Inputs, labels: IntArray) -> FloatArray:
-    """Return the log loss of every row."""
-    found = model.probability(values)[np.arange(labels.size), labels]
+def _compute_losses(probability: FloatArray, labels: IntArray) -> FloatArray:
+    found = probability[np.arange(labels.size), labels]
     return np.asarray(-np.log(np.maximum(found, LEAST_PROBABILITY)))
 
 
+def run_answers(rows: Rows, probability: FloatArray, fold: Fold) -> Run:
+    """Take the user's own probabilities as those of a model; validation rows with answers give its threshold."""
+    held = np.intersect1d(fold.held, np.flatnonzero(rows.index["split"] == "validation"))
+    held = held[np.isfinite(probability[held, 0])]
+    own, labels, tested, found = probability[held], rows.labels[held], probability[fold.test], dict[str, Any]()
+    if rows.alarm in rows.classes:
+        number = rows.classes.index(rows.alarm)
+        found = find_alarm_threshold(own[:, number], labels == number, rows.groups[held])
+    threshold, decided = np.full(len(tested), found.get("alarm_threshold", np.nan)), tested.max(axis=1) >= ABSTAIN_BELOW
+    part = vars(take_rows(rows, fold.test))
+    answers = Answers(**part, probability=tested, threshold=threshold, decided=decided)
+    return Run(answers, [], float(_compute_losses(own, labels).mean()) if held.size else np.inf, {})
+
+
 def _rank_features(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
-    """Compute the log-loss rise when features are shuffled."""
     values, labels = table.values[fold.test], rows.labels[fold.test]
     rng = np.random.default_rng(seed)
     weights, lost = row_weights(labels, len(rows.classes)), dict[str, float]()
-    whole = (weights * _compute_losses(model, values, labels)).mean() if table.names else 0.0
+    whole = (weights * _compute_losses(model.probability(values), labels)).mean() if table.names else 0.0
     for number, name in enumerate(table.names):
         raise_if_stopped()
         found, shuffled = [], values.copy()
         for _ in range(SHUFFLES):
             shuffled[:, number] = rng.permutation(values[:, number])
-            found.append((weights * _compute_losses(model, shuffled, labels)).mean() - whole)
+            found.append((weights * _compute_losses(model.probability(shuffled), labels)).mean() - whole)
         lost[name] = float(np.mean(found))
     return dict(sorted(lost.items(), key=lambda entry: -entry[1]))
 
@@ -349,7 +378,7 @@ def make_document(
     tested = {name: int((next(iter(answers.values())).labels == n).sum()) for n, name in enumerate(rows.classes)}
     said = [*notes, *(f"No target of class {name} is tested." for name, count in tested.items() if not count)]
     for name, run in runs.items():
-        kind = training.find_kind(name)
+        kind = training.find_kind(name) if run.models else Kind("own", "own")
         models[name] = {
             "kind": {"features": kind.features, "learner": kind.learner, "baseline": name in BASELINES},
             **scores.compute_scores(run.answers, seed=seed),
@@ -473,7 +502,9 @@ def evaluate(
     folds, notes = choose_folds(rows, chosen)
     tables, skipped = _load_tables(rows, chosen)
     trained = [name for name in tables if name not in BASELINES]
-    if not trained:
+    if chosen.answers is not None and not trained and (keep or day is not None):
+        raise ConfigError("--answers: are of no model to save or to score as an alarm; name one to train by --models")
+    if not trained and chosen.answers is None:
         raise DatasetError(f"{rows.datasets[0].directory}: no model can be trained: {' '.join(skipped)}")
     whole, seed = folds, chosen.seed
     if keep and (chosen.n_folds or chosen.left_out):
@@ -486,19 +517,24 @@ def evaluate(
             "name the one model to keep (--models), or add more data"
         )
     done, total, runs = count(1), len(tables) * len(whole), dict[str, Run]()
+    own = Path(chosen.answers).stem if isinstance(chosen.answers, str | Path) else "own"
+    if chosen.answers is not None:
+        own = f"own-{own}" if own in training.CLASSIFIERS else own
+        runs[own] = run_answers(rows, collect_answers(chosen.answers, rows, folds[0].test), folds[0])
+        notes.append(f"{own} {ANSWERS_NOTE}")
     tick = (lambda: on_progress(next(done), total)) if on_progress else (lambda: None)
     for name in tables:
         members = [runs[member] for member in MEMBERS if member in runs] if name == "ensemble" else []
         runs[name] = run_model(rows, tables[name], name, whole, seed, members, tick)
     losses = {name: runs[name].held_loss for name in trained}
-    best: str | None = "ensemble" if "ensemble" in trained else min(losses, key=lambda name: losses[name])
+    best = "ensemble" if "ensemble" in trained else min(losses, key=lambda name: losses[name], default=None)
     if best != "ensemble" and len(trained) > 1 and not np.isfinite(losses[str(best)]):
         best = None  # without held-out rows
     outside = _find_outside(rows, folds)
     notes += [*skipped, *_list_limits(rows, folds, {name: runs[name] for name in trained}, outside)]
     document = make_document(rows, folds, runs, notes, seed=seed)
-    document |= {"kept": best, "outside_conditions": outside}
-    kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
+    document |= {"kept": best, "own": own if own in runs else None, "outside_conditions": outside}
+    kept = {name: runs[name].models[-1] for name in tables if len(folds) == 1 or len(whole) > len(folds)}
     part, said = folds[0].test, dict[str, list[str]]()
     for name in trained if chosen.own is not None or unknown is not None else ():
         entry, tested, remarks = document["models"][name], tables[name].values[part], list[str]()
@@ -551,7 +587,7 @@ def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], out
     if rows.alarm not in rows.classes:
         notes.append(f"There is no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class.")
     fewest = min(fold.held.size for fold in folds)
-    if fewest < LEAST_FAR:
+    if runs and fewest < LEAST_FAR:
         notes.append(
             f"With {fewest} held-out rows no model can reject targets by their distance from the training data; this "
             f"needs {LEAST_FAR}."
@@ -565,7 +601,6 @@ def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], out
 
 
 def _find_outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
-    """Find conditions of tested rows outside the training range."""
     found, outside = conditions_of_rows(rows), dict[str, dict[str, Any]]()
     for fold in folds:
         for name, span in find_training_conditions(found, fold.train).items():
@@ -585,7 +620,9 @@ def _load_tables(rows: Rows, options: Options) -> tuple[dict[str, Table], list[s
 
     load = cache(lambda features: collect_inputs(rows, features, motion_folder=options.motion_folder))
     tables, skipped = dict[str, Table](), []
-    wanted = dict.fromkeys(options.models or DEFAULT)
+    wanted = dict.fromkeys(options.models or (DEFAULT if options.answers is None else ()))
+    if not wanted and not select_split(rows, "train").size:  # only the answers of the user are scored
+        return {}, []
     if "ensemble" in wanted:  # the ensemble follows its members
         wanted = dict.fromkeys([*(name for name in [*wanted, *MEMBERS] if name != "ensemble"), "ensemble"])
     for name in [*BASELINES, *wanted]:

@@ -94,7 +94,6 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
 
 
 def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], dict[str, Any]]:
-    """Write header, source, golden vectors, their test and an example."""
     model = model.of_tracks
     sources = Sources(model, plan_device(model, settings), integers=settings.integers)
     rng, memory = np.random.default_rng(0), EMPTY

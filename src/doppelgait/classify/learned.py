@@ -24,7 +24,6 @@ Inputs = npt.NDArray[Any]
 objects (n, d + 1) whose last column has levels, or :class:`Seen`."""
 
 PICTURES_AT_A_TIME = 32
-LAYERS = {"kernel": "kernels", "scale": "scales", "bias": "biases"}  # in files, and fields
 NOVEL_BELOW = 0.02
 """Rank below which no decision is made. The value was set in advance, so that one in fifty targets
 of the known kinds is rejected."""

@@ -110,7 +110,6 @@ class Live:
             self._put(error)
 
     def _put(self, item: Window | Exception | None) -> bool:
-        """Wait until the slot is free; return False when closed."""
         while not self._closed.is_set():
             try:
                 self._slot.put(item, timeout=POLL_S)

@@ -15,15 +15,7 @@ import xarray as xr
 from pydantic import Field
 
 from doppelgait.classify.data import SHARED, Rows, read_numbers, wavelengths_m
-from doppelgait.classify.learned import (
-    NOVEL_BELOW,
-    FloatArray,
-    Inputs,
-    IntArray,
-    Learned,
-    Novelty,
-    select_features,
-)
+from doppelgait.classify.learned import NOVEL_BELOW, FloatArray, Inputs, IntArray, Learned, Novelty, select_features
 from doppelgait.classify.scorer import log_softmax
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.notebook import show_html, show_text
@@ -134,24 +126,19 @@ def find_detection_threshold(probability: FloatArray, positive: npt.NDArray[np.b
     return float(found[int(np.ceil(share * found.size - 1e-9)) - 1])
 
 
-def read_wavelength_m(signature: xr.DataArray) -> float:
-    """Return the wavelength of a signature in m, or NaN."""
-    # without the attribute it follows from the axes by v = f wavelength / 2
-    if "wavelength_m" in signature.attrs:
-        return float(signature.attrs["wavelength_m"])
-    if not {"velocity", "doppler"} <= set(signature.coords):
-        return math.nan
-    doppler_hz = np.asarray(signature.coords["doppler"].values, dtype=np.float64)
-    velocity_mps = np.asarray(signature.coords["velocity"].values, dtype=np.float64)
-    return float(2.0 * np.ptp(velocity_mps) / np.ptp(doppler_hz)) if np.ptp(doppler_hz) > 0 else math.nan
-
-
-def read_prf_hz(signature: xr.DataArray) -> float:
-    """Return the pulse rate, the Doppler axis' span, or NaN."""
-    if "doppler" not in signature.coords or signature.sizes["doppler"] < 2:
-        return math.nan
-    doppler_hz = np.asarray(signature.coords["doppler"].values, dtype=np.float64)
-    return float(np.ptp(doppler_hz) * doppler_hz.size / (doppler_hz.size - 1))
+def read_carrier_and_prf_hz(signature: xr.DataArray) -> tuple[float, float]:
+    """Return carrier and pulse rate of a signature, NaN for unknown."""
+    doppler_hz, velocity_mps = (
+        np.asarray(signature.coords[name].values if name in signature.coords else (), dtype=np.float64)
+        for name in ("doppler", "velocity")
+    )
+    span_hz = float(np.ptp(doppler_hz)) if doppler_hz.size > 1 else math.nan
+    prf_hz = span_hz * doppler_hz.size / max(doppler_hz.size - 1, 1)
+    # without the attribute the wavelength follows from the axes by v = f wavelength / 2
+    wavelength_m = float(signature.attrs.get("wavelength_m", math.nan))
+    if math.isnan(wavelength_m) and velocity_mps.size and span_hz > 0:
+        wavelength_m = float(2.0 * np.ptp(velocity_mps) / span_hz)
+    return SPEED_OF_LIGHT_MPS / wavelength_m, prf_hz
 
 
 def collect_conditions(columns: Mapping[Any, Any] | pd.DataFrame, carrier_hz: FloatArray) -> dict[str, FloatArray]:

@@ -113,7 +113,6 @@ def _unpack_model(document: Mapping[str, Any], arrays: Arrays, path: str | Path)
 
 
 def _pack(learned: Learned) -> tuple[dict[str, Any], Arrays]:
-    """Return the form of a trained model and its arrays."""
     patch = None if learned.patch is None else learned.patch.model_dump(mode="json")
     form: dict[str, Any] = {"learned": learned.kind, "patch": patch}
     arrays = {name: learned.arrays[name] for name in list_arrays(learned.kind, learned.arrays)}
@@ -180,7 +179,6 @@ def load_model(path: str | Path) -> Model:
 
 
 def _check_model(model: Model) -> None:
-    """Check that all parts of a model fit together."""
     from doppelgait.features.extended import list_features
 
     facts, calibration = model.facts, model.calibration
@@ -238,14 +236,10 @@ def _check_numbers(own: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str
 
 
 def _check_learned(learned: Learned, sizes: Mapping[str, int]) -> None:
-    """Check the numbers of a trained model and their shapes."""
     kind, own, found = learned.kind, learned.arrays, _check_numbers(learned.arrays, sizes)
     if kind == "track":
-        channels, v, m = (
-            _check_layers(own, N_SLICES, own["embed_weight"]),
-            len(own["feature_bias"]),
-            len(own["gate_bias"]),
-        )
+        channels = _check_layers(own, N_SLICES, own["embed_weight"])
+        v, m = len(own["feature_bias"]), len(own["gate_bias"])
         if not (own["forgetting_hz"] >= 0).all() or f"kernel.{MOST_LAYERS}" in own:
             raise ValueError(f"forgets at rates below 0, or has more than {MOST_LAYERS} layers")
         found |= {"v": v, "p": 2 * channels + v, "q": len(own["embed_bias"]) + 2, "m": m, "s": 3 * m}
@@ -273,7 +267,6 @@ def _check_learned(learned: Learned, sizes: Mapping[str, int]) -> None:
 
 
 def _check_layers(own: Mapping[str, Any], n_in: int, weight: npt.NDArray[Any]) -> int:
-    """Check convolutional layers and the size of their values; return the number of channels."""
     highest = 1.0  # of levels, 0 to 1, and of every layer
     for number in range(sum(name.startswith("kernel.") for name in own)):
         sizes, shapes = {"i": n_in, "3": 3}, {f"{name}.{number}": letters for name, letters in LAYERS.items()}

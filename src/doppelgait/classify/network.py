@@ -152,7 +152,6 @@ def build_model(torch: Any, n_classes: int, dropout: float) -> Any:
 
 @contextmanager
 def _make_deterministic(torch: Any, seed: int) -> Iterator[None]:
-    """Seed torch and make it deterministic, then restore its settings."""
     threads = torch.get_num_threads()
     with torch.random.fork_rng(), torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True):
         torch.manual_seed(seed)

@@ -17,7 +17,9 @@ from doppelgait.core.errors import ConfigError
 
 FLAGS = {"other": "--test", "n_folds": "--cv", "left_out": "--leave-out", "own": "--adapt", "directory": "--output -o"}
 """Options that have another name on the command line."""
-KINDS = {"analysis": "Analysis, optional", "tracking": "Tracking, optional", "gate": "as for analyze"}
+KINDS = {"analysis": "Analysis, optional", "tracking": "Tracking, optional", "gate": "as for analyze"} | {
+    "answers": "path, DataFrame, ndarray or function, optional"
+}
 """Kinds of options that need a library; the others of any kind are datasets or their folders."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -51,8 +53,7 @@ class Options(CheckedOptions):
     """Options of an evaluation; ``Any`` is a dataset or its folder."""
 
     other: Annotated[
-        Any,
-        "Another dataset to test on instead: all rows except those of targets in the training data.",
+        Any, "Another dataset to test on instead: all rows except those of targets in the training data."
     ] = None
     models: Annotated[
         list[str] | None,
@@ -61,20 +62,22 @@ class Options(CheckedOptions):
         "its members and six-logistic, as far as the dataset has the inputs.",
     ] = None
     n_folds: Annotated[
-        int | None,
-        "Cross-validate over all rows with this number of folds; a target is in one of them.",
+        int | None, "Cross-validate over all rows with this number of folds; a target is in one of them."
     ] = None
     left_out: Annotated[
-        str | None,
-        "Cross-validate by leaving out one value of this column at a time: source, subject, ...",
+        str | None, "Cross-validate by leaving out one value of this column at a time: source, subject, ..."
     ] = None
     own: Annotated[
-        Any,
-        "A dataset of your own recordings, of every class, to test on and to adapt the saved model to.",
+        Any, "A dataset of your own recordings, of every class, to test on and to adapt the saved model to."
     ] = None
     unknown: Annotated[
+        Any, "A dataset with further classes, which the models should abstain from; they are scored separately."
+    ] = None
+    answers: Annotated[
         Any,
-        "A dataset with further classes, which the models should abstain from; they are scored separately.",
+        "Probabilities of your own network for the tested rows, to score like those of a model: a table "
+        "(CSV, Parquet) with the column id and a column for every class; of two classes one is enough. "
+        "Only --models are trained then.",
     ] = None
     alarm_class: Annotated[str | None, "Class that triggers the alarm; human by default."] = None
     motion_folder: Annotated[Path | None, "Folder of the plan's motion files."] = None
@@ -87,6 +90,10 @@ class Options(CheckedOptions):
         for flag in ("--adapt", "--unknown"):
             if flag in given and {"--cv", "--leave-out"} & {*given}:
                 raise ConfigError(f"{flag}: needs one model for all rows; leave --cv and --leave-out out")
+        if self.answers is not None and (clash := [flag for flag in given if flag != "--test"]):
+            raise ConfigError(
+                f"--answers and {clash[0]}: use one of them; answers are scored on the split test or --test"
+            )
         if len(clash := [flag for flag in given if flag != "--unknown"]) > 1:
             raise ConfigError(f"{' and '.join(sorted(clash))}: use one of them")
 
@@ -119,10 +126,7 @@ class AlarmOptions(CheckedOptions):
 class BenchmarkOptions(CheckedOptions):
     """Options of the benchmark."""
 
-    classifier: Annotated[
-        list[str] | None,
-        "Baseline, FILE.py:FUNCTION, or model by name or file; repeatable.",
-    ] = None
+    classifier: Annotated[list[str] | None, "Baseline, FILE.py:FUNCTION, or model by name or file; repeatable."] = None
     recordings: Annotated[Path | None, "Folder of motion files, for the part 'recorded'."] = None
 
 

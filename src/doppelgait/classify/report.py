@@ -41,27 +41,21 @@ FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
 LISTING = "report.json"
 
 SCORES_TEXT = (
-    "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact where there are "
-    "few targets or no errors). <i>Decided</i>: rows that the model does not abstain from, and its"
-    " balanced accuracy among them. Grey: baselines: the most frequent class (chance); the "
-    "parameters that must not predict the class (nuisance); the speed alone.</p>"
+    "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact for few targets). "
+    "<i>Decided</i>: share of rows with a decision, and its balanced accuracy. Grey: baselines: the "
+    "most frequent class, the parameters that must not predict the class, the speed alone.</p>"
 )
 ADAPTATION_TEXT = (
-    "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on "
-    "targets of which no recording was used, after so many recordings of each class were: mean of "
-    "50 draws, 80 % of them lie within the range. The scored targets depend on the count: compare "
-    "with the score of the same targets before. A saved model is adapted to all of them.</p>"
+    "<h2>Adapted to own recordings</h2><p>After so many recordings of each class: mean of 50 draws, "
+    "and the range of 80 %, of targets outside the draw; next to it the same targets before.</p>"
 )
 UNKNOWN_TEXT = (
-    "<h2>Kinds outside the training data</h2><p>Kinds outside the training data, for which no "
-    "class is correct: how well the distance from these data, and the lack of certainty, separate "
-    "them from the tested rows (area under the ROC curve, 0.5: not at all), and the share with a "
-    "decision for a class.</p>"
+    "<h2>Kinds outside the training data</h2><p>How well the distance from the training data, and "
+    "doubt, separate them from the tested rows (AUC), and the share decided as a class.</p>"
 )
 ALARM_TEXT = (
-    "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 %"
-    " of its class: by the rows held back for calibration, as in use, and read off the ROC curve "
-    "of the tested rows.</p>"
+    "<h2>As an alarm</h2><p>Share of every class that triggers at the threshold for 95 % of its "
+    "class, by held-out rows, as in use, and by the ROC curve of the tested rows.</p>"
 )
 
 
@@ -101,7 +95,6 @@ def _choose_line_styles(document: Document) -> dict[str, dict[str, Any]]:
 
 
 def _finish(axes: Axes, title: str, x: str, y: str, **legend: Any) -> None:
-    """Draw the grid, name the axes and place the legend."""
     draw_grid(axes)
     name_axes(axes, title=title, x=x, y=y)
     place_legend(axes, **legend)
@@ -320,28 +313,23 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
         | {key: f"{fold[key]['n']} of {fold[key]['movers']} targets" for key in ("train", "held", "test")}
         for fold in document["folds"]
     ]
-    used = {"trained on": document["dataset"], "tested on": document["test_dataset"]}
-    used = {role: facts for role, facts in used.items() if facts}
-    about = {
-        role: f"{escape(str(facts['name']))} ({facts['n_rows']} rows, {escape(facts['origin'])}, id "
-        f"{escape(str(facts['id']))})"
-        for role, facts in used.items()
-    }
-    title = f"{document['dataset']['name']}: classification"
+    named = filter(None, (document["dataset"], document["test_dataset"]))
+    about = [escape("{name} ({n_rows} rows, {origin}, id {id})".format(**facts)) for facts in named]
+    title, trained = f"{document['dataset']['name']}: classification", document["folds"][0]["train"]["n"]
     grey = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
     parts = [
         f"<h1>{escape(title)}</h1>",
-        f"<p>Trained on {about['trained on']}; tested on {about.get('tested on', 'rows of it')}: {escape(tested)}. "
-        f"No tested target is in the training data. doppelgait {escape(document['doppelgait_version'])}, seed "
-        f"{document['seed']}.</p>",
+        f"<p>{'Trained on' if trained else 'Dataset'} {about[0]}; tested on {[*about, 'rows of it'][1]}: "
+        f"{escape(tested)}. No tested target is in the split train. "
+        f"doppelgait {escape(document['doppelgait_version'])}, seed {document['seed']}.</p>",
         *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
     ]
     for words, rows in list_sections(document).items():
         table = format_table(rows, grey=grey)
         parts += [words, table] if words else [table, SCORES_TEXT]
     parts += [format_figure(name, words) for name, words in pictures]
-    # Show details of the best model, or of the first trained model if no model is the best.
-    best = str(document["kept"] or next(name for name in document["models"] if name not in grey))
+    # Show details of own answers, of the best model, or else of the first trained model.
+    best = str(document["own"] or document["kept"] or next(name for name in document["models"] if name not in grey))
     for column, models in document["breakdowns"].items():
         shares = [
             {
@@ -364,11 +352,8 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
     ]
     parts += [f"<h2>{escape(best)}: calibration</h2>", format_table(bins)]
     parts += ["<h2>Training and test data</h2>", format_table(folds)]
-    for role, facts in used.items():
-        plan = f"<pre>{escape(json.dumps(facts['config'], indent=1))}</pre>"
-        if facts["config"] is None:
-            plan = f"<p>It has no plan ({escape(facts['origin'])}).</p>"
-        parts.append(f"<h2>Plan, {role}: {escape(str(facts['name']))}, id {escape(str(facts['id']))}</h2>{plan}")
+    if document["dataset"]["config"] is not None:
+        parts.append('<p>The plan of the first dataset is in <a href="plan.json">plan.json</a>.</p>')
     return format_page(title, parts)
 
 

@@ -205,7 +205,6 @@ def compute_scores(answers: Answers, *, seed: int) -> dict[str, Any]:
 
 
 def _compute_curve(answers: Answers, number: int, seed: int) -> dict[str, Any]:
-    """Return the ROC curve of a class, with the interval of its area."""
     from sklearn.metrics import roc_curve
 
     probability, positive = answers.probability[:, number], answers.labels == number

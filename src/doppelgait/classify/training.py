@@ -67,9 +67,7 @@ def check_classifier(item: Plugin[Any]) -> None:
 
 
 CLASSIFIERS: Group[Trainer] = Group(
-    "classifier",
-    built_in=("doppelgait.classify.training", "doppelgait.classify.network"),
-    check=check_classifier,
+    "classifier", built_in=("doppelgait.classify.training", "doppelgait.classify.network"), check=check_classifier
 )
 """Classifiers by name. Facts: ``features`` (``six``, ``extended``, ``speed``, ``signature``, ...) are its inputs,
 ``learner`` its name in reports, ``baseline`` marks one that is for comparison only."""

@@ -197,8 +197,7 @@ def evaluate(
         list[str] | None, typer.Option("--option", help="With --names: reader option KEY=VALUE; repeatable.")
     ] = None,
     alarm: Annotated[
-        bool,
-        typer.Option("--alarm", help="Score the kept model as an alarm over simulated days; this takes minutes."),
+        bool, typer.Option("--alarm", help="Score the kept model as an alarm over simulated days; this takes minutes.")
     ] = False,
     save: Annotated[
         Path | None,
@@ -209,11 +208,13 @@ def evaluate(
 ) -> None:
     """Train classifiers on a dataset and write a report.
 
-    The report has scores, figures and the plan of the data.
+    The report has scores, figures and the plan of the data; with --answers those of your own network.
 
     Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz; or doppelgait
+    evaluate home-alarm -o report --answers mine.csv; or doppelgait
     evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
+    from doppelgait.classify.c_code import find_obstacle
     from doppelgait.classify.evaluation import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
     from doppelgait.classify.report import check_folder, list_sections, write_report
@@ -247,6 +248,8 @@ def evaluate(
         if options["own"] is not None:
             chosen += f", adapted to {found.models[found.best].facts.n_own} rows of {options['own']}"
         print_message(f"model: {save}: {found.best}, {chosen}")
+        if obstacle := find_obstacle(found.models[found.best].of_tracks):
+            print_message(f"note: it has no C form ('model export --form c'): {obstacle}, on a plan of episodes")
 
 
 def _import_test(

@@ -39,12 +39,9 @@ MotionFolder = Annotated[
     Path | None,
     typer.Option("--motion-folder", help="Folder of the plan's motion files; by default the folder of the plan file."),
 ]
-LEAKS_LOOKED_AT = 1000
-"""Number of examples that the leakage test of a plan uses."""
-FEASIBILITY_LOOKED_AT = 500
-"""Number of examples that are compared with the range and speed limits of the radar."""
-ALL_CHECKED = 20_000
-"""Maximum number of examples that ``dataset plan`` samples, evenly spread over a larger plan."""
+LEAKS_LOOKED_AT = 1000  # examples that the leakage test of a plan uses
+FEASIBILITY_LOOKED_AT = 500  # examples that are compared with the limits of the radar
+ALL_CHECKED = 20_000  # most examples that a plan samples, evenly spread over a larger one
 
 
 def _load(plan: str, changes: list[str] | None, motion_folder: Path | None) -> tuple[Any, Path]:
@@ -66,6 +63,7 @@ def plan_command(
     pilot: Annotated[
         int, typer.Option("--pilot", min=0, help="Number of examples to simulate for the estimate of time and size.")
     ] = 8,
+    as_toml: Annotated[bool, typer.Option("--toml", help="Print the plan as a file, to be changed and used.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Check a plan and estimate its size and duration.
@@ -73,10 +71,13 @@ def plan_command(
     The command prints the numbers of examples, subjects and files. It also prints how many rows
     alias in Doppler, leave the radar frame or have a gate that the frame truncates.
 
-    Example: doppelgait dataset plan home-alarm --set dataset.examples_per_class=50000
+    Example: doppelgait dataset plan home-alarm --set dataset.examples_per_class=50000; or doppelgait
+    dataset plan home-alarm --toml > my-plan.toml
     """
     import numpy as np
 
+    from doppelgait.core.config import as_table, write_toml
+    from doppelgait.dataset.config import PLANS
     from doppelgait.dataset.feasibility import assess, format_limit_keys, summarise, write_specs
     from doppelgait.dataset.finish import compute_dataset_id
     from doppelgait.dataset.plan import plan_dataset, sample_examples
@@ -84,6 +85,10 @@ def plan_command(
     from doppelgait.dataset.verify.leakage import refuse_leaks, warn_of_default_rcs
 
     loaded, folder = _load(plan, changes, motion_folder)
+    if as_toml:  # as it was written, with its comments, where nothing is changed
+        path = Path(plan) if Path(plan).is_file() else PLANS / f"{plan}.toml"
+        print_text(write_toml(as_table(loaded)) if changes else path.read_text(encoding="utf-8"), end="")
+        return
     with report_progress("reading motion files", quiet=as_json) as on_progress:
         planned = plan_dataset(loaded, folder=folder, on_progress=on_progress)
     with report_progress("drawing examples", quiet=as_json) as on_progress:
@@ -160,7 +165,7 @@ def build(
     """
     from doppelgait.dataset import build_dataset, open_dataset
     from doppelgait.dataset.card import count_examples, tabulate_features
-    from doppelgait.dataset.feasibility import LIMITS, limits_of_index
+    from doppelgait.dataset.feasibility import LIMIT_KEYS, LIMITS, format_limit_keys, limits_of_index
 
     loaded, folder = _load(plan, changes, motion_folder)
     target = output or Path(loaded.dataset.name)
@@ -197,7 +202,9 @@ def build(
             print_text(f"{target}: {size}, id {report.dataset_id}; {made}")
     if reached := {name: n for name in LIMITS if (n := sum(row[name] for row in limits))}:
         words = ", ".join(f"{name} {count}" for name, count in reached.items())
-        print_message(f"warning: rows that reach a limit of the radar: {words} (of {report.n_rows}); see the card")
+        words += f" (of {report.n_rows}); see the card; keys to change: "
+        words += format_limit_keys({name: LIMIT_KEYS[name] for name in reached})
+        print_message(f"warning: rows that reach a limit of the radar: {words}")
     if report.failures:
         first, severity = report.failures[0], "error" if report.too_many_failed else "warning"
         print_message(

@@ -23,8 +23,8 @@ from doppelgait.motion.models import MOTION_MODELS
 from doppelgait.motion.paths import PATHS, StopSpec
 from doppelgait.motion.retime import Variation
 from doppelgait.pipeline import Tracking
-from doppelgait.pipeline.conditions import Noise
 from doppelgait.pipeline.pictures import PictureSettings
+from doppelgait.pipeline.radar_table import Noise
 from doppelgait.processing import Analysis
 from doppelgait.processing.breathing import BreathingSettings
 from doppelgait.processing.detect.config import Detector

@@ -19,7 +19,7 @@ from doppelgait.core.keys import TABLES, expand_docstring
 
 M = TypeVar("M", bound=BaseModel)
 MIN_SIZE, MAX_SIZE = 1e-30, 1e30
-"""Sizes of parameters in SI units, the lower one of those above 0: their products are numbers, too."""
+"""Sizes of parameters in SI units, the lower one of those above 0: so products are numbers."""
 SHOWN_FAULTS, SHOWN_KEY = 8, 60
 """Maximum number of faults in one error message, and of characters shown of each part of a key."""
 _TAG = re.compile(r".*[\[({].*|str|int|float|bool|bytes|none|any|dict|list|tuple|set")

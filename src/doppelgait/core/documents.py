@@ -39,7 +39,7 @@ _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 
 
 def stat_regular(path: str | Path | int) -> os.stat_result:
-    """Return the facts of a regular file; a pipe or device, which may never end, is an ``OSError``."""
+    """Return the facts of a regular file; a pipe or device, maybe endless, is an ``OSError``."""
     facts = os.stat(path)
     if not stat.S_ISREG(facts.st_mode):
         raise OSError(errno.EINVAL, "is no regular file", str(path))

@@ -21,7 +21,7 @@ PAUSE = 1.5  # ratio of a slow-time step to the usual step above which the step 
 MIN_BURSTS, WHOLE_SHARE, PERIOD_OFF, RARE_SHARE = 3, 0.8, 0.1, 0.2
 """Proof of bursts: their number, the share of those alike, the deviation of their period, the pause in it."""
 LONGEST_BURST_S, MIN_DUTY, SHORTEST_S = 0.15, 0.01, 1e-5
-"""A longer burst would show motion by itself; a shorter one, of uneven or faster pulses, is a packet."""
+"""A longer burst would show motion alone; a shorter one, of uneven or faster pulses, is a packet."""
 SAME_STEP, MAX_PIECES = 0.01, 64
 """Largest relative difference of the steps of a piece, and number of pieces above which the times only jitter."""
 
@@ -68,7 +68,10 @@ class SlowTime:
 
     def find_bursts(self) -> SlowTime:
         """Count the pulses of a burst from the pauses, where no file or radar states them."""
-        return self if self.burst_pulses is not None else replace(self, burst_pulses=find_burst_pulses(self.time_s))
+        bursts = prove_bursts(self.time_s) if self.burst_pulses is None else None
+        if bursts is None or not bursts[1][: -bursts[0]].all():
+            return self
+        return replace(self, burst_pulses=bursts[0])
 
     def find_pieces(self) -> list[slice]:
         """Divide the pulses at pauses, and where their rate changes; bursts are one piece."""
@@ -88,16 +91,10 @@ class SlowTime:
         return replace(self, time_s=self.time_s[pulses])
 
     def find_pulses(self, start_s: float, stop_s: float) -> slice:
-        """Return the pulses from ``start_s`` to ``stop_s``, both included; bursts are kept whole."""
+        """Return the pulses from ``start_s`` to ``stop_s``, both included; bursts stay whole."""
         first, stop = np.searchsorted(self.time_s, [start_s - SLACK_S, stop_s + SLACK_S])
         pulses = self.burst_pulses or 1
         return slice(int(first) // pulses * pulses, min(-(-int(stop) // pulses) * pulses, self.size))
-
-
-def find_burst_pulses(time_s: FloatArray) -> int | None:
-    """Count the pulses per burst from pauses; None without proof of bursts."""
-    bursts = prove_bursts(time_s)
-    return None if bursts is None or not bursts[1][: -bursts[0]].all() else bursts[0]
 
 
 def prove_bursts(time_s: FloatArray) -> tuple[int, npt.NDArray[np.bool_]] | None:
@@ -125,12 +122,8 @@ def prove_bursts(time_s: FloatArray) -> tuple[int, npt.NDArray[np.bool_]] | None
     inside_s = (period_s - float(np.median(steps[starts[1:] - 1]))) / (length - 1)
     is_lost = period_s < (length + PAUSE) * inside_s  # one pulse after each
     is_packet = length * inside_s < MIN_DUTY * period_s and np.ptp(np.delete(steps, starts[1:] - 1)) > inside_s
-    if (
-        is_lost
-        or is_packet
-        or inside_s <= SHORTEST_S
-        or length * inside_s > min((1.0 - RARE_SHARE) * period_s, LONGEST_BURST_S)
-    ):
+    is_long = length * inside_s > min((1.0 - RARE_SHARE) * period_s, LONGEST_BURST_S)
+    if is_lost or is_packet or is_long or inside_s <= SHORTEST_S:
         return None
     return length, np.repeat(alike, lengths)
 
@@ -219,10 +212,6 @@ class Frames:
     def find_bursts(self) -> Self:
         """Count the pulses of a burst from the pauses, where they are not stated."""
         return replace(self, slow_time=self.slow_time.find_bursts())
-
-    def settle(self) -> Self:
-        """Return the frames as a matrix, once and for all; those in a file unchanged."""
-        return self.with_samples(Samples(self.matrix)) if self.samples.in_memory else self
 
     def with_samples(self, samples: Samples) -> Self:
         """Return the frames with other samples of the same shape."""

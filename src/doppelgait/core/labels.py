@@ -399,7 +399,7 @@ def check_signal(array: xr.DataArray, schema: Schema) -> xr.DataArray:
         faults.append(f"units are {array.attrs.get('units')!r}, must be {schema.units!r}")
     if array.dtype.kind != schema.kind:
         faults.append(f"values are {array.dtype}, must be {'complex' if schema.kind == 'c' else 'real'} floats")
-    coordinates = array.coords.variables  # plain variables: an indexed coordinate costs 14 times as much
+    coordinates = array.coords.variables  # plain: an indexed coordinate costs 14 times as much
     for name, dim in {**{d: d for d in schema.dims}, **schema.extra}.items():
         if name not in coordinates or coordinates[name].dims != (dim,):
             faults.append(f"coordinate {name!r} along {dim!r} is missing")

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 else:
     xr = LateModule("xarray")
 
-LONG_PULSES = 1 << 15  # approximate number of pulses of a tile; longer recordings are processed in tiles
+LONG_PULSES = 1 << 15  # about the pulses of a tile; longer recordings are processed in tiles
 
 
 @dataclass(frozen=True)

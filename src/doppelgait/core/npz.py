@@ -19,7 +19,7 @@ from doppelgait.core.own_hdf5 import DAMAGE
 
 NPY_MAGIC = b"\x93NUMPY"
 NUMBER_BYTES = 8
-"""Minimum bytes counted per number, because readers convert smaller types to doubles or complex numbers."""
+"""Minimum bytes counted per number: readers convert smaller types to doubles or complex numbers."""
 _FAULTS = (*DAMAGE, EOFError, SyntaxError, tokenize.TokenError, zipfile.BadZipFile, zlib.error)
 """Exceptions that NumPy and zipfile raise for damaged bytes."""
 

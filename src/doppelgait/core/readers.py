@@ -140,7 +140,7 @@ def check_options(
     """Check the types of options by the annotations of a function."""
     try:
         parameters = inspect.signature(run, eval_str=True).parameters
-    except NameError:  # of another package, which names types that it imports for type checkers only
+    except NameError:  # another package names types that it imports for type checkers only
         return
     for name, value in options.items():
         check_value(path, name, value, parameters[name].annotation if name in parameters else Any, error=error)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from doppelgait._core import native
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
-NOISE_DENSITY_W_PER_HZ = 4.004e-21  # Boltzmann's constant times the standard noise temperature T0 = 290 K
+NOISE_DENSITY_W_PER_HZ = 4.004e-21  # Boltzmann's constant times the noise temperature T0 = 290 K
 REFERENCE_IMPEDANCE_OHM = 50.0
 """Impedance Z0 of the signal voltages. An envelope of a volts has the power a^2 / (2 Z0) in watts (E-14)."""
 

@@ -191,27 +191,26 @@ def build_dataset(
         raise KeyboardInterrupt(
             f"{target}: stopped; finished shards are kept, and the same command continues the build"
         ) from None
-    planned = sum(len(shard.examples) for shard in (shards if totals else mine))
-    failed = totals.n_failed if totals else tally["failed"]
+    planned = sum(len(shard.examples) for shard in (mine if missing else shards))
     return BuildReport(
         directory=target,
         dataset_id=identity,
-        n_examples=planned - failed,
+        n_examples=planned - totals.n_failed,
         n_built=tally["built"],
         n_reused=tally["reused"],
-        n_rows=totals.rows if totals else 0,
-        n_failed=failed,
-        failures=totals.failures if totals else [],
+        n_rows=totals.rows,
+        n_failed=totals.n_failed,
+        failures=totals.failures,
         missing=missing,
-        too_many_failed=failed > max_failed_share * planned,
+        too_many_failed=totals.n_failed > max_failed_share * planned,
         seconds=time.monotonic() - began,
-        bytes=totals.bytes if totals else tally["bytes"],
+        bytes=totals.bytes,
     )
 
 
 def build_job(
     job: Job, executor: str = "serial", workers: int | None = None, on_progress: Progress | None = None
-) -> tuple[Counter[str], int, Totals | None]:
+) -> tuple[Counter[str], int, Totals]:
     """Build the own shards of a job, and finish its dataset if none of other parts is missing."""
     with build_lock(job.target, job.part):
         try:
@@ -221,7 +220,7 @@ def build_job(
         own = {shard.name for shard in job.own}
         missing = sum(_read_complete_record(job, shard) is None for shard in job.shards if shard.name not in own)
         if missing:
-            return tally, missing, None
+            return tally, missing, Totals(bytes=tally["bytes"], n_failed=tally["failed"])
         names = [shard.name for shard in job.shards]
         return tally, 0, finish_dataset(job.target, job.header, names, max_failed_share=job.max_failed_share)
 
@@ -279,7 +278,6 @@ def _build_one(shard: Shard, *, context: ExampleMaker, release: tuple[str, int])
 
 
 def _read_complete_record(job: Job, shard: Shard) -> Record | None:
-    """Return a complete dataset shard's record, else None."""
     state, record = find_shard(job.target, shard.name, job.header.id)
     if state != "done" or len(record["contents_sha256"]) != 64:
         return None

@@ -264,14 +264,23 @@ def read_carrier_hz(description: Mapping[str, Any], row: Mapping[str, Any]) -> f
 
 def read_radar(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
     """Return the radar of a simulated row."""
-    number, config = find_plan_place(description, row), description.get("config") or {}
+    number, table = find_plan_place(description, row), resolve_section(description, row, "radar")
     if number is None:
         raise DatasetError(f"{row['id']}: the dataset does not state its radar; only simulated ones do")
-    seed = config["dataset"]["seed"]
-    table = resolve(config.get("radar", {}), seed=seed, example=number, key="radar")
+    seed = description["config"]["dataset"]["seed"]
     parsed = parse_radar(table, where="dataset.json", folder=Path(), seed=seed, example=number)
     radar: Radar = parsed["radar"]
     return radar.model_copy(update={"prf_hz": float(row["prf_hz"])}) if parsed["auto_prf"] else radar
+
+
+def resolve_section(description: Mapping[str, Any], row: Mapping[str, Any], key: str) -> Any:
+    """Return a section of the plan as the build sampled it for a row, or as stated without a plan."""
+    number, config = find_plan_place(description, row), description.get("config") or {}
+    if number is None:
+        return config.get(key, {})
+    turn = int(str(row["scene_id"]).rpartition("-")[2])  # cycles advance within the class
+    seed = config["dataset"]["seed"]
+    return resolve(config.get(key, {}), seed=seed, example=number, key=key, turn=turn)
 
 
 def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> int:
@@ -292,11 +301,10 @@ def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> 
 
 def find_plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> int | None:
     """Return the number of a row's example in its dataset's plan, if it has one."""
-    config, scene = description.get("config") or {}, str(row.get("scene_id"))
-    label, _, within = scene.rpartition("-")
+    config, first = description.get("config") or {}, 0
+    label, _, within = str(row.get("scene_id")).rpartition("-")
     if description.get("origin", "simulated") != "simulated":
         return None
-    first = 0
     for section in config.get("classes") or config.get("episodes", ()):
         if section["label"].replace(" ", "_") == label and within.isdigit():
             return first + int(within)

@@ -9,7 +9,7 @@ import shutil
 import tarfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -29,15 +29,13 @@ from doppelgait.dataset.card import list_blocked_recordings
 from doppelgait.dataset.config import SPLITS, Progress, list_some
 from doppelgait.dataset.example import parse_unit, read_radar
 from doppelgait.dataset.lock import write_new_folder
-from doppelgait.dataset.open import Dataset
+from doppelgait.dataset.open import PATCH, PICTURE, Dataset
 from doppelgait.dataset.shard_files import AXIS_UNITS, name_axis
 from doppelgait.radar.readers.sigmf import write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-__all__ = ["EXPORTERS", "ExportReport", "export_dataset", "refuse_unreleasable"]
 
 Fields = tuple[str, ...]
 Done = Callable[[int], None]
@@ -46,13 +44,11 @@ Exporter = Callable[[Dataset, Path, Fields, Any, Done], None]
 number of rows written since the last call."""
 
 EXPORTERS: Group[Exporter] = Group("exporter", built_in=("doppelgait.dataset.export",), noun="form")
-"""Export formats of datasets.
-Facts of an exporter: ``allowed``, the fields that it supports (by default all); ``default``, the
-fields that are written if none are named (by default all stored fields); ``least``, the minimum
-number of fields (by default 0).
-"""
+"""Export formats of datasets. Facts of an exporter: ``allowed``, the fields that it supports (by default
+all); ``default``, those that are written if none are named (all stored ones); ``least``, their minimum number (0)."""
 
-SHOWN_FILES = 8
+PICTURE_FIELD = {"dims": ["picture_velocity", "picture_time"], "units": "1", "dtype": "float32", "hop": 1}
+PICTURE_FIELD |= {"patch": PATCH.model_dump()}  # of every dataset with signatures
 
 
 @dataclass(frozen=True)
@@ -76,9 +72,8 @@ def export_dataset(
     on_progress: Progress | None = None,
 ) -> ExportReport:
     """Write a dataset, or part of it, in another form."""
-    # Next to the data are ``dataset.json``, with what was exported under ``export``, and ``source-card.md``, the card
-    # of the source dataset. Arrays are in linear units and single precision. The form is the name
-    # of an exporter, or a table of its parameters: {"kind": "webdataset", "examples_per_tar": 500}.
+    # Next to the data are dataset.json, with what was exported, and source-card.md, the card of the dataset.
+    # The form is an exporter's name, or a table of its parameters: {"kind": "webdataset", "examples_per_tar": 500}.
     target = Path(destination)
     parameters = EXPORTERS.parse(form)
     exporter = EXPORTERS.of(parameters)
@@ -88,6 +83,9 @@ def export_dataset(
     for field in fields:
         if allowed is not None and field not in allowed:
             raise DatasetError(f"fields: {name} holds {' and '.join(allowed) or 'no arrays'} only, not {field!r}")
+    if PICTURE in fields and "signature" in known:
+        known = {**known, PICTURE: PICTURE_FIELD}
+        dataset = replace(dataset, description={**dataset.description, "fields": known})
     dataset.check_fields(fields)
     chosen = tuple(dict.fromkeys(fields))
     if len(chosen) < exporter.facts.get("least", 0):
@@ -127,7 +125,7 @@ def refuse_unreleasable(dataset: Dataset) -> None:
     if names:
         raise DatasetError(
             f"{dataset.directory}: cannot be released, because recordings have a non-commercial or unknown licence: "
-            f"{list_some(names, SHOWN_FILES)}; state their licences under [[sources]], or leave them out"
+            f"{list_some(names, 8)}; state their licences under [[sources]], or leave them out"
         )
 
 
@@ -478,8 +476,8 @@ def write_sigmf_folder(dataset: Dataset, folder: Path, fields: Fields, parameter
     """Write the baseband of every scene as a SigMF recording.
     Files are ``SPLIT/SCENE.sigmf-meta`` and ``.sigmf-data``; targets are annotations.
     """
-    nothing = np.empty(0)
-    description = dataset.description
+    description, axes = dataset.description, ("centre_range_m", "centre_velocity_mps", "centre_aspect_rad")
+    unknown: dict[str, Any] = dict.fromkeys(axes, np.empty(0))
     for split, rows in iterate_splits(dataset):
         (folder / split).mkdir()
         scenes = dataset.index["scene_id"].iloc[rows]
@@ -492,9 +490,7 @@ def write_sigmf_folder(dataset: Dataset, folder: Path, fields: Fields, parameter
                 TargetTruth(
                     label=example.label,
                     scatterers=xr.Dataset(),
-                    centre_range_m=nothing,
-                    centre_velocity_mps=nothing,
-                    centre_aspect_rad=nothing,
+                    **unknown,
                     gait=example.row.get("truth_gait") or "",
                     subject=example.row.get("subject") or "",
                     motion=example.row.get("motion_kind") or "",

@@ -16,7 +16,6 @@ import xarray as xr
 
 from doppelgait.core.config import convert_to_json, validate
 from doppelgait.core.documents import CELL_BYTES, check_cost, stat_regular
-from doppelgait.core.draws import resolve
 from doppelgait.core.errors import DatasetError, explain_memory
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.notebook import show_html, show_text
@@ -27,9 +26,9 @@ from doppelgait.dataset.example import (
     Features,
     build_feature_matrix,
     find_plan_number,
-    find_plan_place,
     label_arrays,
     read_carrier_hz,
+    resolve_section,
 )
 from doppelgait.dataset.finish import DATASET, read_description
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
@@ -54,6 +53,7 @@ if TYPE_CHECKING:
     from doppelgait.dataset.torch_data import IterableExamples, TorchExamples
 
 
+PICTURE, PATCH = "picture", Patch()  # of a signature, as an array that is made on reading
 TEXT_COLUMNS = ("id", "label", "split", "shard")
 
 
@@ -173,6 +173,8 @@ class Dataset:
 
     def shape(self, number: int, name: str) -> tuple[int, ...] | None:
         """Return the shape of :meth:`stored` without reading it."""
+        if name == PICTURE:
+            return PATCH.n_velocity, PATCH.n_time
         shards, rows = self._places
         return self.files.shape(shards[number], name, rows[number])
 
@@ -211,16 +213,13 @@ class Dataset:
     def result(self, number: int) -> Result:
         """Return the result of an example with its settings; its truth is :attr:`Example.truth`."""
         example = self.example(number)
-        place = find_plan_place(self.description, example.row)
-        config = self.description.get("config") or {}
-        table = config.get("analysis", {})
-        if place is not None:
-            turn = int(str(example.row["scene_id"]).rpartition("-")[2])
-            table = resolve(table, seed=config["dataset"]["seed"], example=place, key="analysis", turn=turn)
+        table = resolve_section(self.description, example.row, "analysis")
         return example.result(validate(Analysis, table, where="dataset.json: analysis"))
 
     def stored(self, number: int, name: str) -> Array | None:
-        """Return a stored array or axis of an example by its name, or None."""
+        """Return a stored array or axis of an example by its name, its picture, or None."""
+        if name == PICTURE:
+            return make_picture(read_signature(self, number), PATCH)
         shards, rows = self._places
         return self.files.read(shards[number], name, rows[number])
 
@@ -319,11 +318,10 @@ class Dataset:
         shuffle : bool
             In a random order (:func:`doppelgait.dataset.rows.shuffled_rows`), else in that of the index.
         as_ : {"array", "picture"} or Patch
-            ``array``: in linear units, on the stored grid. ``picture``: signatures in dB over their noise floor,
-            clipped to 0 to 40 dB, float32, as an array (64 velocities, 64 times): row k holds the radial velocities
-            from -6.4 + 0.2 k to -6.2 + 0.2 k m/s (approaching positive), a column is 1/32 s. The picture is the middle
-            2 s of the signature; a shorter one has 0 around it. Pulse rate, carrier, duration and gain do not change
-            the format. :class:`doppelgait.classify.Patch` sets another one, for example ``Patch(n_time=128)``.
+            ``array``: in linear units, on the stored grid. ``picture``: that of :func:`doppelgait.classify.patch`,
+            the middle 2 s of a signature in levels from 0 (noise floor) to 1 (40 dB over it), float32, as an array
+            (64 velocities from -6.4 to 6.4 m/s, approaching positive; 64 times of 1/32 s). Pulse rate, carrier,
+            duration and gain do not change it. :class:`doppelgait.classify.Patch` sets another format.
 
         Yields
         ------

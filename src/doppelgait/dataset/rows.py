@@ -16,7 +16,8 @@ from doppelgait.core.errors import DatasetError
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.config import suggest_names
 from doppelgait.dataset.shard_files import MAX_OPEN
-from doppelgait.processing.patches import Levels, Patch, cut, levels_of
+from doppelgait.processing.patches import Levels, Patch
+from doppelgait.processing.patches import patch as draw_patch
 
 Array = npt.NDArray[Any]
 As = Literal["array", "picture"] | Patch
@@ -52,11 +53,10 @@ class LabelledArrays:
 
 
 def make_picture(signature: xr.DataArray | None, patch: Patch) -> Levels:
-    """Convert the middle of a signature to a picture in dB, (n_velocity, n_time)."""
-    whole = levels_of(signature, patch)
-    if whole is None:
+    """Convert the middle of a signature to levels from 0 to 1, (n_velocity, n_time)."""
+    if signature is None or signature.sizes["time"] < 2:
         return np.zeros((patch.n_velocity, patch.n_time), dtype=np.float32)
-    return cut(whole, (whole.shape[1] - patch.n_time) // 2, patch) * np.float32(patch.range_db)
+    return draw_patch(signature, patch)
 
 
 def check_fields(fields: Sequence[str], kept: Collection[str], owner: str) -> None:

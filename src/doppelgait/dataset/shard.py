@@ -55,7 +55,6 @@ def match_tracks(
 ) -> list[Result | None]:
     """Match every target to the nearest track of its body."""
     # Each track is used once, nearest pairs first. Shapes: slow_time_s (I,).
-    found: list[Result | None] = [None] * len(truths)
     pairs = []
     for number, truth in enumerate(truths):
         for order, result in enumerate(results):
@@ -68,12 +67,11 @@ def match_tracks(
             distance_m = float(apart_m[there].mean()) if there.mean() > 0.5 else math.inf
             if distance_m <= MOST_APART_M:
                 pairs.append((distance_m, number, order))
-    used: set[int] = set()
+    tracks: dict[int, int] = {}
     for _, number, order in sorted(pairs):
-        if found[number] is None and order not in used:
-            found[number] = results[order]
-            used.add(order)
-    return found
+        if number not in tracks and order not in tracks.values():
+            tracks[number] = order
+    return [results[tracks[number]] if number in tracks else None for number in range(len(truths))]
 
 
 MIXED = "a batch has warnings that may be those of any example"

@@ -76,9 +76,8 @@ def raised_by_noise_v2(level_v2: FloatArray, floor_v2: float, n_bins: float) -> 
 
 
 def width_of_bins(share: FloatArray) -> FloatArray:
-    """Measure the width in Doppler bins above the level (E-35). Shapes: share (..., K); result (...).
-    Its ends are interpolated to the level; where it does not end it reaches the end of the axis. It is NaN without any.
-    """
+    """Measure the width in Doppler bins above the level (E-35), NaN without any: share (..., K)."""
+    # its ends are interpolated to the level; where it does not end it reaches the end of the axis
     widths = np.empty(share.shape[:-1])
     native.widths_above(share.reshape(-1, share.shape[-1]), WIDTH_SHARE, widths.reshape(-1))
     return widths

@@ -23,7 +23,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import logarithm
 from doppelgait.features.feature_set import FEATURES, NEEDS
-from doppelgait.features.observed import TORSO_BAND_MPS, Observation, compute_autocorrelation_at
+from doppelgait.features.observed import TORSO_BAND_MPS, LinePower, Observation, compute_autocorrelation_at
 
 
 def measure_extended(observed: Observation) -> dict[str, float | None]:
@@ -141,25 +141,21 @@ def _share(power_v2: float, observed: Observation) -> float | None:
     return power_v2 / total if total > 0 else None
 
 
-@plugin("feature", "torso_share", unit="1", source=BAND_SOURCE)
-def measure_torso_share(observed: Observation) -> float | None:
-    """Measure the power share within 0.4 m/s of the line."""
-    return _share(observed.about_line[0].torso_v2, observed)
+_BANDS: dict[str, Callable[[LinePower], float]] = {
+    "torso_share": lambda power: power.torso_v2,
+    "limb_share": lambda power: power.near_v2 - power.torso_v2,
+    "far_limb_share": lambda power: power.total_v2 - power.near_v2,  # feet and paws in full swing
+}
+"""Power within 0.4 m/s of the main line, from there to 1.6 m/s, and beyond."""
 
 
-@plugin("feature", "limb_share", unit="1", source=BAND_SOURCE)
-def measure_limb_share(observed: Observation) -> float | None:
-    """Measure the power share 0.4 to 1.6 m/s from the line."""
-    power, _, _ = observed.about_line
-    return _share(power.near_v2 - power.torso_v2, observed)
+def measure_band(observed: Observation, *, band: Callable[[LinePower], float]) -> float | None:
+    """Measure the share of a band's power."""
+    return _share(band(observed.about_line[0]), observed)
 
 
-@plugin("feature", "far_limb_share", unit="1", source=BAND_SOURCE)
-def measure_far_limb_share(observed: Observation) -> float | None:
-    """Measure the power share beyond 1.6 m/s from the line."""
-    # this is the share of feet and paws in full swing
-    power, _, _ = observed.about_line
-    return _share(power.total_v2 - power.near_v2, observed)
+for _name, _band in _BANDS.items():
+    plugin("feature", _name, unit="1", source=BAND_SOURCE)(partial(measure_band, band=_band))
 
 
 @plugin("feature", "stance_share", unit="1", source="ours: power of standing feet")

@@ -26,7 +26,7 @@ WANDER_SHARES = np.array([0.23, 0.44, 0.12, 0.06, 0.15])
 at five levels from a steady walker to a dog that turns, and the share of bodies at each. The shares have the highest
 likelihood at the true speed across, over half of the models, of the recorded people and of the recorded dogs alike."""
 TYPICAL_SPEED_MPS, SPEED_LOG_SD = 1.1, 0.6  # median and spread of a log-normal ground speed, of those recordings
-STRAIGHT_LEVEL = 1e-3  # probability of the residuals below which something sudden happens on the path
+STRAIGHT_LEVEL = 1e-3  # of the residuals' probability, below which something sudden happens
 SURE_SPEED_SD_SHARE, SURE_ASPECT_SD_DEG = 0.1, 10.0  # deviation above which a value is uncertain
 NOTHING_KNOWN = 3.0  # times this deviation, above which there is no value
 KNOT_S, MIN_KNOTS, MAX_KNOTS, GRID_SPEEDS = 0.25, 8, 24, 96
@@ -151,7 +151,7 @@ def estimate_ground_motion(
 
 @lru_cache(maxsize=8)
 def _make_whitening(n_knots: int, duration_s: float, range_sd_m: float) -> tuple[npt.NDArray[Any], ...]:
-    """Return times (n,), inverse factors of the covariance (levels, n, n) and logarithms of weights."""
+    """Return times (n,), inverse covariance factors (levels, n, n), logarithms of weights."""
     x = (np.arange(n_knots) + 0.5 - n_knots / 2.0) * (duration_s / n_knots)
     apart_s = x[:, np.newaxis] - x
     wander_s2 = [np.add.outer(f := _integrate_twice(x, m), f) - _integrate_twice(apart_s, m) for m in WANDER_MEMORY_S]

@@ -43,7 +43,7 @@ NEAR_REACH_MPS = 1.6
 """Limits of the bands of the power shares (20 and 80 Hz at 7.29 GHz), as velocities that are valid for any carrier."""
 CADENCE_HZ = (0.5, 20.0)
 MIN_PERIODS_OF_HALVES = 2.0
-"""Fewest periods at which a component at f_mu / 2 can be distinguished from the removed polynomial."""
+"""Fewest periods at which a component at f_mu / 2 differs from the removed polynomial."""
 SMOOTHED_OVER_S = 0.04  # standard deviation of the Gaussian that smooths the torso line (E-33)
 
 REASONS = {
@@ -131,9 +131,8 @@ def measure_widths(observations: Sequence[Observation]) -> list[float]:
 
 
 def measure_ripples(observations: Sequence[Observation]) -> FloatArray:
-    """Measure the torso velocity around the main line, (J,), without the polynomial of E-29. It is
-    NaN if half of the columns have no power; otherwise these are filled from their neighbours.
-    """
+    """Measure the torso velocity around the main line, (J,), without the polynomial of E-29."""
+    # NaN if half of the columns have no power; otherwise these are filled from their neighbours
     any_one, (square, moment) = observations[0], np.array([seen.about_line[1:] for seen in observations]).swapaxes(0, 1)
     seconds = any_one.observation_s
     basis = make_orthonormal_basis(square.shape[-1], 1 if seconds < 1.3 else 2 if seconds < 2.5 else 3)
@@ -290,7 +289,7 @@ class Observation:
         return np.asarray(width_level_v2(strongest_v2, self.floor_v2, weight) / self.range_weight)
 
     def count_above_level(self, edges: npt.NDArray[np.int64]) -> FloatArray:
-        """Count cells above the raised level of B_mu between edges in columns (E-35), (blocks, K)."""
+        """Count cells above the raised level of B_mu between edges (E-35), (blocks, K)."""
         counts = np.empty((edges.size - 1, self.power_v2.shape[1]))
         native.count_above(self.excess.values, self.raised_level_v2, edges, counts)
         return counts
@@ -381,7 +380,7 @@ class Observation:
 
     @property
     def backward_mps(self) -> FloatArray:
-        """Lag of the trailing envelope behind the main line, positive behind it, in columns with power."""
+        """Lag of the trailing envelope behind the main line, positive, in columns with power."""
         low, high = self.edges_mps
         lag = self.line_mps - low if self.direction >= 0 else high - self.line_mps
         return np.asarray(lag[np.isfinite(low)])

@@ -111,7 +111,7 @@ def estimate_velocity_sd(observations: Sequence[Observation]) -> list[float | No
 def compute_block_scatter(
     residual: FloatArray, least_scale: float, starts: Sequence[npt.NDArray[np.int64]], counted: npt.NDArray[np.bool_]
 ) -> list[float]:
-    """Compute the sd of tapered Cauchy means of dependent values. Shapes: residual (B, J); counted (J,)."""
+    """Compute the sd of tapered Cauchy means of dependent values: residual (B, J), counted (J,)."""
     # blocks begin at the starts, the first at 0; the slope is positive: half of the values are below a third of scale
     medians = np.array([[compute_quantile(row[counted], 0.5)] for row in np.abs(residual)])
     square = (residual / (CAUCHY_TUNING * np.maximum(1.4826 * medians, least_scale))) ** 2
@@ -197,7 +197,7 @@ def _fit_phase_rate(periods: Periods, phase_rad: FloatArray) -> tuple[float, flo
 
 
 def estimate_ratio_sd(periods: Periods) -> float:
-    """Estimate the sd of rho (E-38), a share of that of single periods over the root of their number."""
+    """Estimate the sd of rho (E-38) from that of single periods."""
     parts = periods.harmonics.reshape(len(periods.means), -1).view(np.float64)  # real and imaginary
     energy, base = np.einsum("bk,bk->b", parts, parts), np.einsum("bk,bk->b", periods.means, periods.means)
     ratio = np.sqrt(4.0 * energy / base)

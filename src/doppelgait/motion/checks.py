@@ -12,7 +12,7 @@ import numpy as np
 from doppelgait.core.errors import warn_caller
 from doppelgait.motion.clean import NOISE_MPS, velocity_error_mps
 from doppelgait.motion.gait import is_quadruped, measure_gait, measure_travel
-from doppelgait.motion.motion import GRAVITY_MPS2, Motion, make_motion
+from doppelgait.motion.motion import GRAVITY_MPS2, Motion
 from doppelgait.motion.segments import crop, find_segments
 from doppelgait.motion.skeleton import (
     LEG_SHARE,
@@ -31,7 +31,7 @@ LIES = 0.3
 """Smallest height of the head of a person who stands, sits or crawls, relative to the stature."""
 UNITS_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 HIP_SHARE, WITHERS_SHARE = 0.53, 0.8
-"""Height of the hips over stature (Drillis and Contini 1966), and over the height of the withers."""
+"""Height of the hips over stature (Drillis and Contini 1966), and over that of the withers."""
 SIMILARITY, SIMILARITY_POWER = 2.5, 0.3
 """Stride length over hip height is 2.5 Fr^0.3 in people and cursorial animals (Alexander 1976, and Jayes 1983)."""
 TIME_FACTOR, PERSON_TIME_FACTOR, UNSURE_TIME_FACTOR = 2.5, 1.8, 3.0
@@ -135,10 +135,7 @@ def _check_stride(motion: Motion) -> str:
         return ""
     # at a rate that is wrong by a factor of several, no steps are measured; segments have the speeds of gaits
     for tried in TRIED_FACTORS if part is motion else (1.0,):
-        changed = make_motion(
-            part.position_m, rate_hz=tried * part.rate_hz, markers=part.markers, parts=part.parts, facts=part.facts
-        )
-        gait = measure_gait(changed)
+        gait = measure_gait(part.remake(part.position_m, part.facts, rate_hz=tried * part.rate_hz))
         stride_hz = gait.stride_frequency_hz / tried
         if stride_hz > 0 and (tried == 1.0 or gait.gait):
             break

@@ -108,7 +108,7 @@ def find_steps(
 
 def _find_paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return each point's last sample, velocity and gap."""
-    # velocities are per frame, at the last sample and from the current frame on; the gap is in frames
+    # velocities are per frame, at the last sample and from the frame on; the gap is in frames
     n_frames, n_points = position.shape[:2]
     seen, point = np.isfinite(position).all(axis=2), np.arange(n_points)
     frames = np.arange(n_frames)[:, np.newaxis]
@@ -315,7 +315,7 @@ def filter_lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | N
 
     if cutoff_hz is None:
         return position
-    # two passes attenuate by 3 dB where each attenuates by 1.5 dB: pre-warped bilinear corner of one pass
+    # two passes attenuate by 3 dB where each does by 1.5 dB: pre-warped bilinear corner of one pass
     widening = (math.sqrt(2.0) - 1.0) ** (-1.0 / (2 * FILTER_ORDER))
     corner = 2.0 / math.pi * math.atan(math.tan(math.pi * cutoff_hz / rate_hz) * widening)
     sections = butter(FILTER_ORDER, corner, output="sos")
@@ -501,7 +501,7 @@ def describe_known_parts(parts: Sequence[str]) -> str:
 
 EXCHANGED = "their names are exchanged"
 HEADING_S = 0.25
-"""The direction of the path at a frame is measured from this time before to this time after the frame."""
+"""The direction of the path at a frame is measured from this time before to this time after it."""
 SLOWEST_MPS = 0.2
 WRONG_SIDE = 0.25
 """A pair of parts is exchanged if its lateral distance is negative by more than this share of the widest pair's."""
@@ -556,7 +556,7 @@ def find_stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_
 
 def find_body_centre(position: FloatArray) -> FloatArray:
     """Return the path of the body centre."""
-    # the mean of the points that move and are seen in at least 40 % of the frames, gaps filled linearly
+    # the mean of the points that move and are seen in 40 % of the frames, gaps filled linearly
     if not len(position):
         return np.empty((0, 3))
     missing = np.isnan(position).any(axis=2).mean(axis=0)

@@ -47,7 +47,7 @@ def _first_peak_hz(here: FloatArray, there: FloatArray, rate_hz: float, period_s
 SMOOTHING_S = 0.5
 """Averaging time of the path of the body centre: about one step of a person."""
 MIN_TRAVEL_M = 0.5
-"""Smallest displacement with a direction of travel, which the fore-aft motion and the stride require."""
+"""Smallest displacement with a direction, which fore-aft motion and stride require."""
 STRIDE_BAND_HZ = (0.4, 6.0)
 
 
@@ -151,7 +151,7 @@ def measure_stride(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
 
 
 SWING_PEAK, SHORTEST_SWING_S = 1.4, 0.04
-"""Minimum peak speed of a swing in body speeds, and duration. A swinging foot is faster than the body."""
+"""Minimum peak speed of a swing in body speeds (the foot is faster than the body), and duration."""
 STILL = 0.01
 """A foot has landed when its speed has fallen to this share of its maximum in the swing."""
 STANCE_SPEED = 0.5
@@ -249,7 +249,7 @@ ASYMMETRICAL = ("canter", "gallop", "transverse_gallop", "bound")
 """Gaits without mirrored half strides: f_mu = f_stride. ``gallop`` is the rotary gallop."""
 
 HALF_STRIDE, TOGETHER = 0.15, 0.06
-"""Tolerances of lags of half a stride and of 0 (simultaneous landing) of a pair of limbs, in strides."""
+"""Tolerances of lags of half a stride and of 0 (simultaneous landing) of two limbs, in strides."""
 QUARTER = 0.125
 """Half the spacing of the lateral lags of pace (0), walk (0.25) and trot (0.5), and limit between canter and gallop."""
 STEADY = 0.8
@@ -261,7 +261,7 @@ LEAST_LIFT_M = 0.02
 LARGEST_SCATTER = 0.15
 """Maximum scatter of touchdowns about an even beat, in strides. Beyond it, the stride frequency is not measured."""
 FLIGHT_ACCELERATION_MPS2 = -5.9
-"""A body without support falls at 9.81 m/s^2; 60 % of it separates flight from the dip of a brisk walk."""
+"""A body in flight falls at 9.81 m/s^2; 60 % of it is more than the dip of a brisk walk."""
 PAIRS = {
     "lh_lf": ("left_hind", "left_fore"),
     "lh_rh": ("left_hind", "right_hind"),
@@ -336,7 +336,7 @@ def _limbs_hz(motion: Motion) -> float:
     whole_hz = _first_peak_hz(velocity, velocity, rate, PERIOD_S)
     if math.isfinite(whole_hz):
         return whole_hz
-    # in a walk, run, pace or trot, each left part repeats the motion of the right part half a stride later
+    # in a walk, run, pace or trot, left parts repeat the motion of right parts half a stride later
     parts = [part for part, is_seen in zip(motion.parts, seen, strict=True) if is_seen]
     sides = [[swing[:, points].mean(axis=1) for points in both] for both in pair_sides(parts).values()]
     if not sides:

@@ -26,7 +26,7 @@ DRIFT = 0.2
 
 def belt_velocity_mps(position: FloatArray, parts: Sequence[str], *, rate_hz: float) -> FloatArray | None:
     """Measure the velocity of a treadmill belt, shape (2,)."""
-    # the median velocity of the feet while they are low, if all feet agree and the body stays in place
+    # the median velocity of the feet while they are low, if all agree and the body stays in place
     named = dict.fromkeys(part for part in parts if part in FOOT_PARTS)
     feet = [[i for i, own in enumerate(parts) if own == part] for part in named]
     if len(feet) < 2 or len(position) < 3:
@@ -72,13 +72,13 @@ def format_belt_note(belt: FloatArray) -> str:
 
 
 STANDS, STANDS_MPS = 0.2, 0.1
-"""A point of a foot stands while it is slower than this share of the body's median speed, or than 0.1 m/s."""
+"""A foot's point stands while slower than this share of the body's median speed, or than 0.1 m/s."""
 PLANE_M = 0.025
 """Largest deviation (rms) of standing feet from a plane; a stair is 0.17 m high."""
 RISES_M = 0.15
-"""Range of the heights of standing feet on ground that rises; feet on a level floor differ by less."""
+"""Range of the heights of standing feet on ground that rises; it is less on a level floor."""
 SPREAD_M = (0.4, 0.03)
-"""Standard deviation of standing places along and across the path, from which a slope is determined."""
+"""Standard deviation of standing places along and across the path that a slope needs."""
 MIN_TILT_DEG = 6.0
 """Markers of both feet that differ by 1 cm, 0.1 m apart, make a smaller tilt."""
 LEAN_DEG, RUNNING_LEAN_DEG, RUNS_MPS = 1.5, 12.0, 2.1

@@ -48,7 +48,7 @@ class SpeedLaw:
 WALK = SpeedLaw(0.63, 0.11, (0.17, 0.60))
 """Law from 36 shared recordings of walking people (tuning half); exponent +-0.05."""
 RUN = SpeedLaw(0.74, 0.08, (0.43, 1.32))
-"""Law from five shared recordings of runners, exponent +-0.10; spread and range from all fourteen."""
+"""Law from five shared recordings of runners, exponent +-0.10; spread and range from all 14."""
 QUADRUPED = SpeedLaw(0.60, 0.07, (0.20, 2.4))
 """Law L/h = c Fr^0.3 of the models of dogs (measured exponents: ``docs/howto/hybrids.md``). The spread is
 the largest of pace, walk and trot, the speeds those of 76 shared segments of dogs, rounded."""

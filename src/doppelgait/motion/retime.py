@@ -161,17 +161,9 @@ class Spline:
         return value.reshape(shape), slope.reshape(shape)
 
 
-def fit_spline(motion: Motion) -> Spline:
-    """Fit a cubic spline to a motion (E-02)."""
-    return _fit_motion_spline(motion, motion.position_m.reshape(motion.position_m.shape[0], -1))
-
-
-def fit_centre(motion: Motion) -> Spline:
-    """Fit a spline to the body centre; 3 columns. It is like fit_spline, for body_centre_m."""
-    return _fit_motion_spline(motion, body_centre_m(motion))
-
-
-def _fit_motion_spline(motion: Motion, columns: npt.NDArray[Any]) -> Spline:
+def fit_spline(motion: Motion, columns: npt.NDArray[Any] | None = None) -> Spline:
+    """Fit a cubic spline to columns over the frames, by default the motion's points (E-02)."""
+    columns = motion.position_m.reshape(motion.n_frames, -1) if columns is None else columns
     if columns.shape[0] < 4 or not np.isfinite(columns).all():
         source = motion.facts.source
         raise MotionError(f"{source}: needs 4 frames or more without gaps to be resampled; clean it first")
@@ -180,6 +172,11 @@ def _fit_motion_spline(motion: Motion, columns: npt.NDArray[Any]) -> Spline:
     step_s = motion.duration_s / (values.shape[0] - 1)
     native.spline_moments(values, step_s, moments)
     return Spline(values, moments, step_s)
+
+
+def fit_centre(motion: Motion) -> Spline:
+    """Fit a spline to the body centre; 3 columns."""
+    return fit_spline(motion, body_centre_m(motion))
 
 
 def check_times(motion: Motion, time_s: npt.ArrayLike) -> FloatArray:
@@ -263,7 +260,7 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
     def about_way(at_s: FloatArray, points: npt.NDArray[np.bool_]) -> FloatArray:
         even_m: FloatArray = slope[0] + slope[1] * at_s[:, None]
         columns = motion.position_m.take(np.flatnonzero(points), axis=1).reshape(old_s.size, -1)
-        spline, position_m = _fit_motion_spline(motion, columns), np.empty((at_s.size, columns.shape[1]))
+        spline, position_m = fit_spline(motion, columns), np.empty((at_s.size, columns.shape[1]))
         native.values_between(spline.values, spline.moments, spline.step_s, check_times(motion, at_s), position_m)
         return _add_to_points(position_m.reshape(at_s.size, -1, 3), -even_m)
 

@@ -1,4 +1,4 @@
-"""Straight segments at constant velocity, which divide a long mixed recording into several examples."""
+"""Straight segments at constant velocity, which divide a long recording into several examples."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """Simulation and analysis of one scene with one radar."""
 
 from doppelgait.pipeline.analyze import analyze
-from doppelgait.pipeline.conditions import Conditions, Noise
-from doppelgait.pipeline.radar_table import parse_radar
+from doppelgait.pipeline.radar_table import Conditions, Noise, parse_radar
 from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.result_files import Results, describe_results, read_results, write_results
 from doppelgait.pipeline.run import Run, parse_run, run_simulation

@@ -182,7 +182,7 @@ def compute_signatures(
     else:
         about = partial(Gate.from_truth, wavelength_m=wavelength_m, error_m=gate_error_m)
         gates = [(about(truth, times_s, settings), truth.label or None) for truth in bodies]
-    if settings.clutter != "none":  # static clutter is removed from the range bins that the gates touch
+    if settings.clutter != "none":  # static clutter is removed from bins that the gates touch
         range_m, sharp = frames.range_m, settings.sharp_edges
         touched = [own.touched_bins(*own.edges(range_m, times_s, sharp=sharp), range_m) for own, _ in gates]
         bins = slice(min(cells.start for cells in touched), max(cells.stop for cells in touched))

@@ -23,7 +23,7 @@ from doppelgait.processing.signature import compute_signature
 from doppelgait.processing.track import Tracker
 from doppelgait.processing.track_segments import SegmentationSettings, TrackSegment, find_track_segments
 
-FAR_M = 100.0  # start of a path integrated from velocity; straight motion has constant velocity there
+FAR_M = 100.0  # start of a path integrated from velocity; straight motion is steady there
 SMOOTHED_S = 0.5
 """Time of the median filter for Doppler peaks; a limb is the strongest for a shorter time."""
 OPPOSITE_S, OPPOSITE_SHARE, OPPOSITE_LEVEL = 1.0, 0.8, 0.2

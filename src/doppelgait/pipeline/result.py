@@ -263,7 +263,7 @@ class Result:
 
     @property
     def parts(self) -> xr.Dataset | None:
-        """Power, label, energy share, and velocity of torso, legs and limbs (E-40), or None with a flag."""
+        """Power, label, energy share, velocity of torso, legs, limbs (E-40), or None with a flag."""
         power = self.arrays.get("part_power")
         return None if power is None else measure_parts(power)
 

@@ -19,8 +19,7 @@ from doppelgait.core.config import (
 )
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
-from doppelgait.pipeline.conditions import Conditions, Noise
-from doppelgait.pipeline.radar_table import FITTED_KEYS, parse_radar
+from doppelgait.pipeline.radar_table import FITTED_KEYS, Conditions, Noise, parse_radar
 from doppelgait.pipeline.simulate import choose_lowest_prf, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar.impairments import Impairments

@@ -30,7 +30,7 @@ from doppelgait.processing.receiver import read_flags
 from doppelgait.processing.signature import compute_signature
 
 ALIGNED = "aligned"  # attribute of a cadence map: its Doppler is relative to the main line (E-29)
-SHARED = "other_bodies_share"  # share of the time that is left out of the analysis because of other bodies
+SHARED = "other_bodies_share"  # share of the time that is left out because of other bodies
 MAX_SHARED = 1.0 / 3.0  # with more, features of the rest may differ from those of the whole
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 OPPOSITE_MPS = 0.5

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.frames import Frames
+from doppelgait.core.samples import Samples
 from doppelgait.core.units import FloatArray
 from doppelgait.features import GaitFeatures
 from doppelgait.pipeline import rangeless
@@ -27,17 +28,17 @@ from doppelgait.processing.clutter import (
     clean_frames,
     measure_removed,
     predict_torso_share_removed,
+    remove_common_phase,
     remove_from_frames,
     sum_pulses,
 )
-from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.processing.config import MIN_CPI_PULSES
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.detect.maps import compute_maps, noise_factor
 from doppelgait.processing.detect.scans import detect_bodies
-from doppelgait.processing.detections import Scan
 from doppelgait.processing.receiver import read_flags
 from doppelgait.processing.track import Track, Tracker, split_tracks, track
+from doppelgait.processing.track.live import Scan
 from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
 from doppelgait.radar import Radar
 
@@ -46,7 +47,7 @@ NEAR_M = 1.0  # distance between a breath and a track below which both are of th
 LEAST_RANGE_M = 0.01
 LOST_SHARE = 0.02
 """Share of lost and filled frames above which the bandwidth is flagged; 1 % of single frames widens it by 3 %."""
-CLUTTER_SHARE = 0.2  # of a gate's power removed with the clutter, above which the torso may be removed, too
+CLUTTER_SHARE = 0.2  # of a gate's power removed with the clutter, above which the torso may be, too
 STILL_REACH_M = 0.3
 SAME_PLACE_M = 0.6  # distance from the end of a track to the start of a later one that may be of the same body
 LONGEST_REST_S = 10.0  # of a body between two tracks, unless a person breathes there in between
@@ -75,7 +76,9 @@ class Tracking(FrozenModel):
 
 def track_targets(frames: Frames, radar: Radar, source: str, analysis: Analysis, tracking: Tracking) -> TargetList:
     """Detect and analyse all bodies: moving ones first, in order of appearance."""
-    frames, wavelength_m = frames.settle(), radar.wavelength_m
+    wavelength_m = radar.wavelength_m
+    if frames.samples.in_memory:
+        frames = frames.with_samples(Samples(frames.matrix))  # computed once
     unknown = np.flatnonzero(np.concatenate([~np.isfinite(tile).all(axis=1) for _, tile in frames.read_tiles()]))
     if unknown.size:
         raise AnalysisError(

@@ -35,7 +35,7 @@ FOLD_GAP_S, FOLD_EDGE_M, FOLD_RANGE_M, FOLD_SPEED, FOLD_LEVEL_DB = 1.0, 1.0, 0.4
 """Limits for a folded echo: longest pause between body and echo, largest distance from the edges of
 the frame at that time, and largest differences in range, speed and level."""
 SLOWEST_MPS = 0.15  # speed below which a target has no direction
-SLICE_M, CELL_MPS, COLUMN_S = 0.12, 0.125, 0.1  # cells of a picture about the track and its velocity
+SLICE_M, CELL_MPS, COLUMN_S = 0.12, 0.125, 0.1  # cells of pictures about track and velocity
 NO_BODIES = {"thing", "reflection", "folded"}
 MOST_SD = 4.0  # largest deviation of a value from its mean, in standard deviations
 LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
@@ -72,7 +72,7 @@ class TrackStrip:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on one target with its evidence. ``kind`` is body, thing, reflection, folded or unknown."""
+    """Verdict on a target: kind (body, thing, reflection, folded, unknown) and evidence."""
 
     kind: str = "body"
     flags: tuple[str, ...] = ()
@@ -126,7 +126,7 @@ def judge_body(result: Result, strip: TrackStrip, slices: Levels) -> Verdict:
 
 
 def compute_probabilities(values: Mapping[str, Any], pictures: Levels) -> tuple[float, float]:
-    """Compute the probabilities of a body, and of more than one; what is missing counts as its mean."""
+    """Compute the probabilities of a body, and of more than one; missing values are means."""
     network = load_network()
     given = np.array([float("nan") if values.get(name) is None else values[name] for name in network["names"]])
     scaled = np.clip((given - network["mean"]) / network["sd"], -MOST_SD, MOST_SD)

@@ -14,7 +14,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import sampling_rate_hz
 from doppelgait.core.units import FloatArray, arctangent, logarithm
-from doppelgait.processing.common_phase import average_blocks
+from doppelgait.processing.clutter import LEAST_WEIGHT, average_blocks
 from doppelgait.processing.normalise import compute_median_over_mean
 
 ComplexArray = npt.NDArray[np.complex128]
@@ -108,12 +108,8 @@ def compute_threshold(spectrum: BreathSpectrum, false_alarm: float) -> float:
     from scipy.stats import f as f_distribution
 
     windows = spectrum.starts.size
-    cells = (
-        1.5
-        * max(spectrum.high_hz - spectrum.low_hz, 1.0 / spectrum.window_s)
-        * spectrum.window_s
-        * spectrum.power.shape[2]
-    )
+    width_hz = max(spectrum.high_hz - spectrum.low_hz, 1.0 / spectrum.window_s)
+    cells = 1.5 * width_hz * spectrum.window_s * spectrum.power.shape[2]
     single = -math.expm1(math.log1p(-false_alarm) / cells)
     background = _select_background(spectrum.frequency_hz).sum() / (1.5 * PADDING)
     return float(f_distribution.isf(single, 4 * windows, 2 * windows * background))
@@ -165,8 +161,6 @@ def compute_displacement(values: ComplexArray, *, wavelength_m: float) -> tuple[
 
 APART_M = 0.75
 """Bins nearer than this to a bin are no reference for it: they may show the same body."""
-LEAST_WEIGHT = 1e3
-"""Smallest power of the static echoes over their fluctuation for a reference; the phase error is then 0.02 rad."""
 PASSES = 3
 
 
@@ -301,7 +295,7 @@ def find_breathing(
     if not np.isfinite(values).all():
         raise AnalysisError("the baseband has values that are not finite; remove those pulses or fill them")
     times = pulse_times[: count * size].reshape(count, size).mean(axis=1)
-    people = [one.target for one in _find_in(values, times, range_m, wavelength_m, options)]
+    people = _find_in(values, times, range_m, wavelength_m, options)
     # people who move for a time: single windows, which share the probability of a false alarm
     spans = [
         (start_s, start_s + window_s)
@@ -313,7 +307,7 @@ def find_breathing(
     found: list[BreathingTarget] = []
     for start_s, stop_s in spans:
         part = (times >= start_s - 1e-9) & (times <= stop_s + 1e-9)
-        found += [one.target for one in _find_in(values[part], times[part], range_m, wavelength_m, strict)]
+        found += _find_in(values[part], times[part], range_m, wavelength_m, strict)
     brief: list[BreathingTarget] = []
     for person in sorted(found, key=lambda one: -one.snr_db):
         if any(abs(person.range_m - one.range_m) <= options.extent_m for one in people):
@@ -337,7 +331,7 @@ def _is_same(person: BreathingTarget, other: BreathingTarget, extent_m: float) -
 
 def _find_in(
     values: ComplexArray, times: FloatArray, range_m: FloatArray, wavelength_m: float, options: BreathingSettings
-) -> list[_Candidate]:
+) -> list[BreathingTarget]:
     series = remove_common_gain(values, range_m)
     spectrum = compute_breath_spectrum(series, sampling_rate_hz(times), options)
     ratio, limit = compute_line_ratio(spectrum), compute_threshold(spectrum, options.false_alarm)
@@ -349,7 +343,7 @@ def _find_in(
     for candidate in sorted(found, key=lambda one: -one.power):
         if not any(_is_part_of(candidate, other, options.extent_m, 1.0 / spectrum.window_s) for other in kept):
             kept.append(candidate)
-    return kept
+    return [candidate.target for candidate in kept]
 
 
 def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candidate | None:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core import frames as core_frames
 from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.lazy import xr
@@ -38,7 +37,7 @@ def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
     >>> find_burst_pulses(np.concatenate([burst_s + 0.1 * n for n in range(10)]))
     8
     """
-    return core_frames.find_burst_pulses(np.asarray(slow_time_s, dtype=float))
+    return SlowTime(np.asarray(slow_time_s, dtype=float)).find_bursts().burst_pulses
 
 
 def get_burst_pulses(baseband: xr.DataArray) -> int | None:

@@ -25,7 +25,7 @@ from doppelgait.core.straight import make_orthonormal_basis
 from doppelgait.core.units import FloatArray, exponential, modified_bessel
 from doppelgait.processing.normalise import copy_rows
 
-WIDTH = 18  # length of the interpolation kernel in grid steps; at the rates used here the error is 1e-13
+WIDTH = 18  # of the interpolation kernel in grid steps; at the rates used here the error is 1e-13
 LOWEST_OVERSAMPLING = 2.0
 GROUP = 64  # rows that are processed together, so that all buffers stay in the second-level cache
 
@@ -127,23 +127,22 @@ def _get_buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> 
 @lru_cache(maxsize=256)  # there are as many as highest cadences
 def _time_taps(step: int, oversampling: float) -> tuple[FloatArray, float]:
     """Compute the kernel at fine columns, (step WIDTH - 1,), and its shape factor."""
-    shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
-    return _evaluate_kernel(np.arange(1, step * WIDTH) / step - WIDTH / 2, shape_factor), shape_factor
+    return _evaluate_kernel(np.arange(1, step * WIDTH) / step - WIDTH / 2, oversampling)
 
 
 @lru_cache(maxsize=256)
 def _compute_line_taps(between: int, oversampling: float) -> tuple[FloatArray, float]:
     """Compute the kernel between coarse lines, (between, WIDTH), and its shape factor."""
-    shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
     coarse = np.arange(WIDTH) - (WIDTH // 2 - 1)
-    return _evaluate_kernel(np.arange(between)[:, None] / between - coarse, shape_factor), shape_factor
+    return _evaluate_kernel(np.arange(between)[:, None] / between - coarse, oversampling)
 
 
-def _evaluate_kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
-    """Compute the Kaiser-Bessel kernel within W / 2."""
+def _evaluate_kernel(distance: FloatArray, oversampling: float) -> tuple[FloatArray, float]:
+    """Compute the Kaiser-Bessel kernel within W / 2, and its shape factor."""
+    shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
     inside = 1.0 - (2.0 * distance / WIDTH) ** 2
     values = modified_bessel(shape_factor * np.sqrt(np.maximum(inside, 0.0))) * math.exp(-shape_factor)
-    return np.where(inside > 0, values, 0.0)
+    return np.where(inside > 0, values, 0.0), shape_factor
 
 
 @lru_cache(maxsize=256)

@@ -20,7 +20,7 @@ CAUCHY_TUNING = 2.385  # tuning constant of the Cauchy weights: 95 % efficiency 
 AGREEING_SHARE, DIFFERING_SHARE = 0.05, 0.1
 """Difference of main line and track, as a share of the track's velocity: agreement below, doubtful values above."""
 LEAST_APART_MPS = 0.03
-TRACK_ERROR_M = 0.15  # of a track's path length; it reduces the weight of its velocity over a short time
+TRACK_ERROR_M = 0.15  # of a track's path; it reduces the weight of its velocity over a short time
 UNFOLDED_SHARE = 0.8  # of half the pulse rate, above which a torso line may be folded and is not compared with a track
 NEAR_TRACK_MPS = 0.4
 BODY_SHARE = 0.1
@@ -73,7 +73,7 @@ def main_line_hz(signature: Signal, *, order: int, tapered: bool = False) -> Flo
 def fit_line(
     peaks_hz: FloatArray, bin_hz: float, counted: npt.NDArray[np.bool_], *, order: int, tapered: bool = False
 ) -> FloatArray:
-    """Fit the line of :func:`main_line_hz` through the peaks of counted columns, from their median on."""
+    """Fit the line of :func:`main_line_hz` through the peaks of counted columns, from their median."""
     whole, parabola, ones = _make_line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
     basis = whole if counted.all() else np.ascontiguousarray(whole[:, counted])
     taper, peaks_hz, ones = (parabola if tapered else ones)[counted], peaks_hz[counted], ones[counted]

@@ -13,7 +13,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Signal, maps_signal, measures_signal
 from doppelgait.processing.config import Normalisation
 
-INDEPENDENT_AFTER_S = 0.06  # columns this far apart are practically independent for T_d = 0.1 s (E-23)
+INDEPENDENT_AFTER_S = 0.06  # columns this far apart are nearly independent for T_d = 0.1 s (E-23)
 QUIET_SHARE = 1.0 / 3.0
 LEAST_QUIET_ROWS = 12
 COUNTED_EVERY = 4

@@ -92,7 +92,7 @@ def remove_mains_lines(frames: Frames) -> Frames:
     for _ in range(MAX_ROUNDS):  # strong lines hide weak ones
         lines = find_mains_lines(series[:, 0], rate_hz, mains_hz)
         certain = _select_certain(series, lines, rate_hz, frames.n_bins > 1)
-        if frames.n_bins > 1:  # a body may keep its amplitude for some seconds; the mains has a first line
+        if frames.n_bins > 1:  # a body may be steady for some seconds; the mains has a first line
             certain = [line for line in certain if line.has_image or line.nominal_hz <= FIRST_MULTIPLES * max(MAINS_HZ)]
         # further multiples of a mains frequency that is proven: with aliasing they beat with others
         proven = [hz for hz in MAINS_HZ for line in (*removed, *certain) if line.nominal_hz % hz == 0.0]

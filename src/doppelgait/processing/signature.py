@@ -33,7 +33,7 @@ def plan_for(slow_time: SlowTime, analysis: Analysis) -> Transform:
 
 
 class Columns(NamedTuple):
-    """Transform of a recording, times and Doppler axis of its columns, and their distance in pulses."""
+    """Transform of a recording; times, Doppler axis and distance of its columns in pulses."""
 
     transform: Transform
     time_s: FloatArray
@@ -276,14 +276,9 @@ class GatedTransform:
     hop: int
     bin_share: float = 1.0
 
-    @property
-    def n_bins(self) -> int:
-        """Range bins of the recording, N."""
-        return self.range_m.size
-
     def find_needed_pulses(self) -> npt.NDArray[np.int64]:
         """Return the needed pulses per range bin, first and last + 1; (I, 0) for none."""
-        columns, bins = np.arange(0, self.time_s.size, NEED_BLOCK), np.arange(self.n_bins)[:, None]
+        columns, bins = np.arange(0, self.time_s.size, NEED_BLOCK), np.arange(self.range_m.size)[:, None]
         first = np.floor(np.minimum.reduceat(self.low, columns) - 0.5).astype(int) + 1
         stop = np.ceil(np.maximum.reduceat(self.high, columns) + 0.5).astype(int)
         last = np.minimum(columns + NEED_BLOCK, self.time_s.size) - 1
@@ -304,9 +299,8 @@ class GatedTransform:
         power = np.empty((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
         # the pulses after the needed ones have no weight, but must be finite
         margin = transform.n_doppler_bins - transform.window.size + 2 * hop
-        step, is_short = transform.n_columns, self.n_pulses <= lazy.LONG_PULSES
-        if not is_short:
-            step = max(TILE_PULSES // hop // LANES, 1) * LANES
+        is_short = self.n_pulses <= lazy.LONG_PULSES
+        step = transform.n_columns if is_short else max(TILE_PULSES // hop // LANES, 1) * LANES
         for start in range(0, transform.n_columns, step):
             columns = slice(start, min(start + step, transform.n_columns))
             first = transform.first_pulse + hop * columns.start
@@ -316,7 +310,7 @@ class GatedTransform:
                 n_pulses = self.n_pulses
             else:
                 lowest, highest = int(np.floor(low.min() - 0.5)) + 1, int(np.ceil(high.max() + 0.5))
-                bins = slice(max(lowest, 0), min(highest, self.n_bins))
+                bins = slice(max(lowest, 0), min(highest, self.range_m.size))
                 if bins.start >= bins.stop:
                     power[columns] = 0.0
                     continue
@@ -351,7 +345,7 @@ class GatedTransform:
         """Add axes and facts to the power of the gate."""
         doppler_hz = doppler_axis_hz(self.transform.n_doppler_bins, self.prf_hz)
         self.gate.close_doppler_band(power, doppler_hz)
-        inside = np.minimum(self.high, self.n_bins - 0.5) - np.maximum(self.low, -0.5)
+        inside = np.minimum(self.high, self.range_m.size - 0.5) - np.maximum(self.low, -0.5)
         coords: dict[str, Coord] = {
             "time": (("time",), self.time_s, {}),
             "doppler": (("doppler",), doppler_hz, {}),

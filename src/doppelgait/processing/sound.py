@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import wave
 from collections.abc import Iterator
 from fractions import Fraction
 from typing import IO, Any, Literal
@@ -13,8 +12,7 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames
-from doppelgait.processing.clutter import clean_frames
-from doppelgait.processing.common_phase import remove_common_phase
+from doppelgait.processing.clutter import clean_frames, remove_common_phase
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
 
@@ -52,10 +50,8 @@ def _rotate_frames(
     from scipy import fft
 
     size = window.size
-    signs = np.where(
-        np.arange(size) % 2, np.float32(-1), np.float32(1)
-    )  # the phase reference is the middle of the window
     offsets = np.arange(size)
+    signs = np.where(offsets % 2, np.float32(-1), np.float32(1))  # the phase reference is the middle of the window
     last = np.zeros(size, dtype=np.complex64)
     for first in range(0, starts.size, FRAMES_AT_ONCE):
         places = starts[first : first + FRAMES_AT_ONCE, None] + offsets
@@ -161,11 +157,9 @@ def make_doppler_sound(
     from scipy.fft import next_fast_len
     from scipy.signal import firwin, hilbert, resample_poly
 
-    if reason := explain_silence(frames):  # before the rate: the mean rate of bursts means nothing
-        raise AnalysisError(reason)
+    signal = compute_doppler_signal(frames, gate, analysis)  # before the rate: the mean rate of bursts means nothing
     prf_hz = frames.slow_time.rate_hz
     factor, rate_hz = plan_sound(prf_hz, pitch)
-    signal = compute_doppler_signal(frames, gate, analysis)
     ratio = Fraction(rate_hz / (factor * prf_hz)).limit_denominator(MOST_STEPS)
     # rate conversion without images and aliases; 0.9 of the narrower band is unchanged
     up, down = ratio.numerator, ratio.denominator
@@ -211,8 +205,6 @@ def plan_sound(prf_hz: float, pitch: float | None = None) -> tuple[float, int]:
 
 def write_wav(file: str | IO[bytes], rate_hz: int, samples: npt.NDArray[np.int16]) -> None:
     """Write a WAV file with 16 bits per sample. Shapes: samples (n, channels)."""
-    with wave.open(file, "wb") as sound:
-        sound.setnchannels(samples.shape[1])
-        sound.setsampwidth(2)
-        sound.setframerate(rate_hz)
-        sound.writeframes(samples.astype("<i2").tobytes())
+    from scipy.io import wavfile
+
+    wavfile.write(file, rate_hz, samples)

@@ -225,11 +225,6 @@ class _Fit:
     times: FloatArray
     ranges: FloatArray
 
-    @property
-    def residual_m(self) -> float:
-        """Root mean square of the residuals."""
-        return math.sqrt(float(np.mean(self.residuals_m() ** 2)))
-
     def residuals_m(self) -> FloatArray:
         t = self.times - self.middle_s
         a, b, c = self.coefficients
@@ -393,7 +388,8 @@ def _make_segment(
     elif probability < settings.straight_level:
         reason = "not_straight"
     velocity_mps = fit.velocity_mps(fit.middle_s)
-    return TrackSegment(start_s, stop_s, velocity_mps, fit.curvature_mps2(), fit.residual_m, probability, reason)
+    residual_m = math.sqrt(float(np.mean(fit.residuals_m() ** 2)))
+    return TrackSegment(start_s, stop_s, velocity_mps, fit.curvature_mps2(), residual_m, probability, reason)
 
 
 def _fit(times: FloatArray, ranges: FloatArray) -> _Fit:

@@ -25,8 +25,7 @@ from doppelgait.radar.simulate import (
     synthesise_rf,
     synthesise_samples,
 )
-from doppelgait.radar.sources import open_stream
-from doppelgait.radar.streams import Stream
+from doppelgait.radar.streams import Stream, open_stream
 
 __all__ = [
     "RADAR_READERS",

@@ -10,7 +10,7 @@ import math
 import re
 import struct
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
@@ -249,7 +249,7 @@ def write_frames(recording: Recording, path: str | Path) -> None:
 
 def make_recording_header(recording: Recording) -> Header:
     """Return the header of a recording's frames."""
-    header = make_header(recording.radar, recording.range_m, recording.facts, recording.slow_time_s)
+    header = make_header(recording)
     facts = header.facts
     even_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(recording.n_range_bins)
     if not np.allclose(recording.range_m, even_m, rtol=0, atol=1e-3 * abs(facts["bin_spacing_m"])):
@@ -259,15 +259,13 @@ def make_recording_header(recording: Recording) -> Header:
     return header
 
 
-def make_header(
-    radar: Radar, range_m: npt.NDArray[np.float64], facts: Mapping[str, Any], slow_time_s: npt.NDArray[np.float64]
-) -> Header:
-    """Return the header of frames; bursts that only the recording states are added."""
-    pulses = int(facts.get("burst_pulses", 1))
-    if pulses > 1 and radar.burst_pulses is None and slow_time_s.size > pulses:
-        period_s = max(float(np.median(np.diff(slow_time_s[::pulses]))), pulses / radar.prf_hz)
+def make_header(recording: Recording) -> Header:
+    """Return radar and ranges of a recording; bursts that only its facts state are added."""
+    radar, pulses = recording.radar, int(recording.facts.get("burst_pulses", 1))
+    if pulses > 1 and radar.burst_pulses is None and recording.n_pulses > pulses:
+        period_s = max(float(np.median(np.diff(recording.slow_time_s[::pulses]))), pulses / radar.prf_hz)
         radar = radar.model_copy(update={"burst_pulses": pulses, "burst_period_s": period_s})
-    return Header(radar, range_m)
+    return Header(radar, recording.range_m)
 
 
 SETTLE_S, CREDIBLE, AGREE = 2.0, 100.0, 0.01

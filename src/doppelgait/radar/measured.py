@@ -69,14 +69,19 @@ def place_frames(
     return times_s.ravel(), rate_hz, {"burst_pulses": n_pulses} if is_paused and n_frames > 1 else {}
 
 
+def check_carrier(preset: str | Path, own: Radar, carrier_hz: float | None) -> None:
+    """Refuse a preset whose carrier contradicts a recording's (:class:`ConfigError`)."""
+    if carrier_hz is not None and not 0.5 < carrier_hz / own.carrier_hz < 2.0:
+        raise ConfigError(f"carrier_hz = {carrier_hz:g} is that of another radar than {preset}: {own.carrier_hz:g}")
+
+
 def adapt_preset(path: Path, preset: str | Path, *, n_range_bins: int, range_start_m: float, **facts: Any) -> Radar:
     """Return a preset radar with a recording's own frame and further parameters."""
     if not isinstance(preset, str | Path):
         raise RecordingError(f"{path}: radar = {preset!r} is not allowed; it must be a preset or the path of its file")
     try:
         start_m, own = max(range_start_m, 0.0), Radar.preset(preset)
-        if not 0.5 < (carrier_hz := facts.get("carrier_hz", own.carrier_hz)) / own.carrier_hz < 2.0:
-            raise ConfigError(f"carrier_hz = {carrier_hz:g} is that of another radar than {preset}: {own.carrier_hz:g}")
+        check_carrier(preset, own, facts.get("carrier_hz"))
         frame = {"range_start_m": start_m, "range_stop_m": start_m + n_range_bins * own.bin_spacing_m}
         return Radar.preset(preset, **frame, **facts)
     except ConfigError as error:
@@ -128,15 +133,19 @@ MIN_REPEATS, MAX_RUN, MAX_REPEATED, MIN_BINS = 8, 3, 0.7, 4
 from pulses that are equal by their rounding; without noise a still scene repeats itself for longer."""
 
 
+def find_runs(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """Return the start and the end of every run of flags. Shapes: flags (I,), result (R, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]))).reshape(-1, 2)
+
+
 def find_repeats(values: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     """Return which pulses a recorder stored once more. Shapes: values (I, N), result (I,)."""
     same = np.zeros(len(values), dtype=bool)
     if values.shape[1] < MIN_BINS:
         return same
     same[1:] = (values[1:] == values[:-1]).all(axis=1) & values[1:].any(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same, [0]]))).reshape(-1, 2)
-    for first, stop in edges[edges[:, 1] - edges[:, 0] > MAX_RUN]:
-        same[first:stop] = False
+    for first, stop in find_runs(same):
+        same[first:stop] = stop - first <= MAX_RUN
     return same if same.sum() >= MIN_REPEATS and same.mean() <= MAX_REPEATED else np.zeros_like(same)
 
 
@@ -146,14 +155,13 @@ MIN_ZEROS, ZERO_SHARE = 8, 0.01
 
 def describe_zeros(values: npt.NDArray[Any], rate_hz: float) -> list[str]:
     """Return a warning about stretches of exact zeros: lost packets, or a file that was made before it was filled."""
-    is_zero = np.concatenate([[False], ~values.any(axis=1), [False]])
-    edges = np.flatnonzero(np.diff(is_zero)).reshape(-1, 2)
-    edges = edges[edges[:, 1] - edges[:, 0] >= MIN_ZEROS]
-    lengths = edges[:, 1] - edges[:, 0]
+    runs = find_runs(np.asarray(~values.any(axis=1)))
+    runs = runs[np.ptp(runs, axis=1) >= MIN_ZEROS]
+    lengths = np.ptp(runs, axis=1)
     share = lengths.sum() / len(values)
     if share < ZERO_SHARE:
         return []
-    first, stop = edges[lengths.argmax()]
+    first, stop = runs[lengths.argmax()]
     where = "the last " if stop == len(values) else "the first " if first == 0 else ""
     more = "" if lengths.size == 1 else f"; {lengths.size} stretches are 0, {100 * share:.3g} % together"
     return [

@@ -288,7 +288,7 @@ class Radar(FrozenModel):
     transmit_phase_rad: float = 0.0
     hypothetical: bool = False
 
-    if TYPE_CHECKING:  # otherwise a type checker rejects short forms, such as the name of a waveform
+    if TYPE_CHECKING:  # else a type checker rejects short forms, such as a waveform's name
 
         def __init__(self, **parameters: Any) -> None: ...
 

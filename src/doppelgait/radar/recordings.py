@@ -34,7 +34,7 @@ __all__ = ["read_hdf5", "read_recording", "sniff_hdf5", "write_recording"]
 
 RECORDING = FileKind("doppelgait-recording", 1, "a doppelgait recording", RecordingError)
 STORED_BYTES = 1 << 26
-"""Maximum size of samples that are read at once, bytes; larger ones are read from the file on demand."""
+"""Maximum size of samples that are read at once, bytes; larger ones are read on demand."""
 
 UNIT_SUFFIX = {"m": "_m", "m/s": "_mps", "rad": "_rad", "m^2": "_m2", "1": ""}
 TRUTH_FACTS = [fact.name for fact in fields(TargetTruth) if fact.type in ("str", "float")]

@@ -71,7 +71,7 @@ def fit_waveform(table: ScattererTable, radar: Radar) -> AnyTable:
 
 
 def synthesise_echoes(scatterers: ScattererTable, radar: Radar, *, compressed: bool) -> Samples:
-    """Synthesise noise-free echoes of folded scatterers: range bins, or samples in their fastest layout."""
+    """Synthesise echoes of folded scatterers without noise: range bins, or samples in any layout."""
     table, waveform = fit_waveform(scatterers, radar), radar.waveform
     if compressed and not waveform.samples_are_bins:
         return Samples.own(waveform.synthesise_bins(table, radar))

@@ -173,7 +173,7 @@ def _place_bursts(
 
 
 def _fit_lines(pulse: IntArray, stamps: FloatArray, cuts: IntArray) -> tuple[IntArray, list[float], FloatArray]:
-    """Fit a straight line to every piece; neighbours of nearly one rate, and short ones, are one piece."""
+    """Fit a line to every piece; neighbours of nearly one rate, and short ones, are one piece."""
 
     def fit(first: int, stop: int) -> float:
         return 1.0 / min(measure_clock_rate_hz(stamps[first:stop], pulse[first:stop]) or 1e300, 1e300)
@@ -430,7 +430,7 @@ def _number_on(
 
 
 def _locate_roughly(stamps: FloatArray) -> tuple[IntArray, IntArray]:
-    """Divide imprecise stamps by straight lines: lines of one slope are one raster with a hole between."""
+    """Divide imprecise stamps by lines: those of one slope are one raster with a hole between."""
     index = np.arange(stamps.size)
     pieces = list(_pair(np.array(sorted(_divide(stamps, 0, stamps.size)), dtype=np.int64), stamps.size))
     lines = [np.polyfit(index[a:b], stamps[a:b], 1) for a, b in pieces]

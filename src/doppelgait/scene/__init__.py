@@ -3,8 +3,14 @@
 from doppelgait.scene.bodies import ellipsoid_rcs_m2
 from doppelgait.scene.observe import LineOfSight, assemble, compute_body_track, line_of_sight, place_body_at
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, leashed_dog, place, side_by_side
-from doppelgait.scene.rcs import TYPICAL_RCS_M2, RcsSpec, compute_part_weights, scatterer_rcs_m2
-from doppelgait.scene.scatterers import Scatterers, compute_scatterers
+from doppelgait.scene.rcs import (
+    TYPICAL_RCS_M2,
+    RcsSpec,
+    Scatterers,
+    compute_part_weights,
+    compute_scatterers,
+    scatterer_rcs_m2,
+)
 from doppelgait.scene.scene import Scene, Target
 
 __all__ = [

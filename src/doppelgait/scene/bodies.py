@@ -28,7 +28,7 @@ TABLES = read_toml(Path(__file__).with_name("bodies.toml"))[0]
 
 @dataclass(frozen=True)
 class Segment:
-    """One ellipsoid between two joints, with its semi-axes; or a limb, with its radii at both ends."""
+    """Ellipsoid between two joints, with its semi-axes; or limb, with its radii at both ends."""
 
     name: str
     part: str

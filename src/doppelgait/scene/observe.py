@@ -20,13 +20,13 @@ from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.bodies import LEAST_COSINE
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed
-from doppelgait.scene.scatterers import Scatterers, View, compute_scatterers
+from doppelgait.scene.rcs import Scatterers, View, compute_scatterers
 from doppelgait.scene.scene import Scene
 
 FADE_S = 0.3
 """Time in which a body appears and vanishes, about that of a step through a door (assumed)."""
 ASPECT_MIN_SPEED_MPS = 0.05
-"""Minimum speed, m/s, at which a scatterer has a direction of motion, and hence an aspect angle (E-04)."""
+"""Minimum speed, m/s, at which a scatterer has a direction, and hence an aspect angle (E-04)."""
 
 
 @dataclass(frozen=True)

@@ -30,15 +30,14 @@ from doppelgait.motion.retime import scale_to_height, travel_speed_mps, vary
 from doppelgait.scene.scene import DEFAULT_DURATION_S, Scene, Target
 
 BACKGROUND = -2
-"""Target number of scatterers and reflections of background bodies; reflections of targets have -1."""
+"""Target number of background bodies and their reflections; reflections of targets have -1."""
 
 GOES_ON_FRAMES = 8
-"""Frames for which a body that is away still moves: a kink of a cubic spline fades to 4e-5 over them."""
+"""Frames for which a body that is away still moves: a spline's kink fades to 4e-5 over them."""
 KEPT_BYTES = 128 * 2**20
 """Maximum size of the cache of motions, bytes: about three hundred segments of motion capture."""
 
-_read_before: OrderedDict[tuple[Path, tuple[int, int], str], Motion] = OrderedDict()
-_warnings_of: dict[tuple[Path, tuple[int, int], str], list[str]] = {}
+_read_before: OrderedDict[tuple[Path, tuple[int, int], str], tuple[Motion, list[str]]] = OrderedDict()
 _reading = Lock()
 
 
@@ -393,15 +392,16 @@ def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
         if key not in _read_before:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", DoppelgaitWarning)
-                _read_before[key] = read(file, **parse_json(options))
-            _warnings_of[key] = [str(w.message) for w in caught if issubclass(w.category, DoppelgaitWarning)]
+                motion = read(file, **parse_json(options))
+            motion.position_m.setflags(write=False)  # all scenes share it
+            texts = [str(w.message) for w in caught if issubclass(w.category, DoppelgaitWarning)]
+            _read_before[key] = motion, texts
             for other in (w for w in caught if not issubclass(w.category, DoppelgaitWarning)):
                 warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
-            _read_before[key].position_m.setflags(write=False)  # shared by all scenes of the process
-            while len(_read_before) > 1 and sum(one.position_m.nbytes for one in _read_before.values()) > KEPT_BYTES:
-                _warnings_of.pop(_read_before.popitem(last=False)[0], None)
+            while len(_read_before) > 1 and sum(one.position_m.nbytes for one, _ in _read_before.values()) > KEPT_BYTES:
+                _read_before.popitem(last=False)
         _read_before.move_to_end(key)
-        motion, texts = _read_before[key], _warnings_of.get(key, [])
+        motion, texts = _read_before[key]
     for text in texts:
         warn_caller(text)
     return motion

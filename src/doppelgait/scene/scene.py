@@ -63,6 +63,10 @@ def _parse_rcs(value: Any) -> Any:
         raise InnerError(error) from None
 
 
+def _convert_array(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
 class Target(FrozenModel):
     """Body of a scene: motion, place, radar cross section.
 
@@ -167,10 +171,7 @@ class Target(FrozenModel):
         except ConfigError as error:
             raise InnerError(error) from None
 
-    @field_validator("start_position_m", mode="before")
-    @classmethod
-    def _take_arrays(cls, value: Any) -> Any:
-        return value.tolist() if isinstance(value, np.ndarray) else value
+    _take_arrays = field_validator("start_position_m", mode="before")(_convert_array)
 
     @model_validator(mode="after")
     def _has_one_place(self) -> Self:
@@ -252,10 +253,7 @@ class Scene(FrozenModel):
             raise ValueError("must be a list of Target")
         return value
 
-    @field_validator("radar_position_m", "receiver_position_m", mode="before")
-    @classmethod
-    def _take_arrays(cls, value: Any) -> Any:
-        return value.tolist() if isinstance(value, np.ndarray) else value
+    _take_arrays = field_validator("radar_position_m", "receiver_position_m", mode="before")(_convert_array)
 
     @model_validator(mode="after")
     def _has_duration(self) -> Self:

@@ -1,15 +1,19 @@
 """Quadrupeds: paws and limbs, footfall patterns, symmetries, builds and variation."""
 
+import csv
 import itertools
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import find_peaks
 
-from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import QuadrupedConfig, quadruped_gait, quadruped_gaits
 from doppelgait.motion.models import quadruped as limbs
+from doppelgait.motion.models.quadruped_gaits import GAITS, froude_number, pick_gait, stride_length_m
 from doppelgait.motion.models.strides import Columns, make_column
+from doppelgait.motion.readers import read
 
 SIDES = ("left", "right")
 FEET = [f"{side}_{end}" for side in SIDES for end in ("hind", "fore")]
@@ -121,12 +125,9 @@ LINKS = [(row[n], row[n + 2], getattr(limbs.BODY, row[n + 1])) for row in map(st
 
 
 @pytest.mark.parametrize(("name", "froude"), [(name, fr) for name in quadruped_gaits.GAITS for fr in froudes(name, 15)])
-def test_limbs_reach_bend_the_right_way_and_keep_their_lengths(name, froude):
+def test_limbs_bend_the_right_way_at_joints_fixed_to_the_trunk(name, froude):
     points, _ = closed_form(name, froude)
     for side in SIDES:
-        for a, b, length in LINKS:
-            distance = np.linalg.norm(points[f"{side}_{a}"] - points[f"{side}_{b}"], axis=1)
-            np.testing.assert_allclose(distance, length, atol=1e-12, err_msg=f"{side} {a} {b}")
         for top, joint, low, forward in (("hip", "knee", "hock", 1), ("shoulder", "elbow", "carpus", -1)):
             upper, lower = (points[f"{side}_{p}"] - points[f"{side}_{top}"] for p in (joint, low))
             # Sign of the turn from the whole limb to its upper link: forward of the line for a knee.
@@ -155,27 +156,6 @@ def test_the_trunk_moves_more_or_less(name):
         return np.std(x - np.polyval(np.polyfit(motion.time_s, x, 1), motion.time_s))
 
     assert ripple_m(0.5) < 0.85 * ripple_m(1.0) < 0.85 * 0.85 * ripple_m(2.0)
-
-
-@pytest.mark.parametrize("build", quadruped_gaits.BUILDS)
-@pytest.mark.parametrize("name", quadruped_gaits.GAITS)
-def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, build):
-    build = quadruped_gaits.BUILDS[build]
-    lengths = build.limbs * np.repeat([limbs.BODY.humerus + limbs.BODY.forearm, limbs.BODY.femur + limbs.BODY.tibia], 2)
-    for froude in froudes(name, 12):
-        gait, *_ = settings(name, froude, build.withers_m, build)
-        phase = PHASE[::4]
-        points, stride = closed_form(name, froude, phase, build=build)
-        batch = phase[None], stride * phase[None], Columns([gait]), Columns([build]), stride
-        standing, _, _ = limbs.compute_trunk_motion(*batch)
-        x, height = limbs.TRUNK_POINTS["rump"]
-        ((lowered,),) = limbs.place_on_trunk(make_column([build.trunk * x]), 0.0, height, standing, Columns([build]))
-        lowered -= points["rump"]
-        np.testing.assert_allclose(lowered, [[0.0, 0.0, lowered[0, 2]]] * phase.size, atol=1e-12)
-        assert -1e-12 <= lowered[0, 2] <= limbs.BODY.deepest_crouch + 1e-12
-        spans = [np.linalg.norm(points[f"{s}_shoulder"] - points[f"{s}_carpus"], axis=1).max() for s in SIDES]
-        spans += [np.linalg.norm(points[f"{s}_hip"] - points[f"{s}_hock"], axis=1).max() for s in SIDES]
-        assert (np.array(spans) / lengths).max() <= limbs.BODY.straight[1]
 
 
 def test_a_joint_at_the_trunk_gives_only_where_a_limb_would_not_reach_or_fold_up():
@@ -246,14 +226,6 @@ def test_the_tail_swings_at_its_own_frequency_and_nothing_else_depends_on_it():
     assert np.argmax(np.abs(np.fft.rfft(side_m[:-1]))) == 10
 
 
-def test_a_froude_number_sets_the_speed():
-    by_number = quadruped_gait(gait="trot", froude=1.5, withers_m=0.4, duration_s=1.0)
-    by_speed = quadruped_gait(gait="trot", speed_mps=(1.5 * 9.81 * 0.32) ** 0.5, withers_m=0.4, duration_s=1.0)
-    np.testing.assert_allclose(by_number.position_m, by_speed.position_m, atol=1e-12)
-    with pytest.raises(ConfigError, match="speed_mps or froude, not both"):
-        quadruped_gait(froude=1.0, speed_mps=2.0)
-
-
 EXTREMES = {
     "stride_variation": 0.06, "step_length_sd": 0.15, "footfall_sd": 0.04, "asymmetry": -0.05, "length_asymmetry": 0.3,
     "stride_ratio": 1.25, "trunk_ripple": 2.0, "hind_swing_peak": 1.2, "fore_swing_peak": 1.2, "neck_deg": 0.0,
@@ -302,9 +274,7 @@ def test_every_build_has_every_gait_at_every_speed_and_setting(build, name):
                     assert (speed_mps[lands : int((start_s + rest) * 200)] < 1e-6).all()
 
 
-def test_uneven_strides_need_a_generator_and_keep_the_mean_speed():
-    with pytest.raises(ConfigError, match=r"step_length_sd = 0\.05"):
-        quadruped_gait(step_length_sd=0.05)
+def test_uneven_strides_keep_the_mean_speed():
     motion = quadruped_gait(
         step_length_sd=0.05, footfall_sd=0.02, duration_s=120.0, rate_hz=50, rng=np.random.default_rng(4)
     )
@@ -410,13 +380,6 @@ def test_auto_goes_through_the_gaits_with_speed():
         motion, named = (quadruped_gait(gait=g, speed_mps=speed, duration_s=1.0) for g in ("auto", gait))
         np.testing.assert_array_equal(motion.position_m, named.position_m)
         assert motion.facts.gait == gait
-    for parameters, text in (
-        ({}, "'auto' depends on the speed: give speed_mps or froude"),
-        ({"speed_mps": 7.0}, "7 is not allowed: a dog with withers_m = 0.5 moves at 2.17 to 6.26 m/s in a gallop"),
-        ({"speed_mps": 0.1}, "moves at 0.313 to 1.4 m/s in a walk"),
-    ):
-        with pytest.raises(ConfigError, match=text):
-            quadruped_gait(gait="auto", **parameters)
 
 
 @pytest.mark.parametrize("build", quadruped_gaits.BUILDS)
@@ -445,8 +408,6 @@ def test_a_cat_walks_and_trots_as_published():
     assert 0.25 < lag < 0.5
     assert 2.0 < quadruped_gait(build="cat", gait="trot", speed_mps=1.8).facts.stride_frequency_hz < 2.5
     assert 3.0 < quadruped_gait(build="cat", gait="gallop", speed_mps=3.5).facts.stride_frequency_hz < 4.0
-    with pytest.raises(ConfigError, match=r"a cat with withers_m = 0\.25"):
-        quadruped_gait(build="cat", gait="walk", speed_mps=2.0)
 
 
 def test_asymmetry_delays_the_right_feet_and_leaves_the_left():
@@ -456,12 +417,88 @@ def test_asymmetry_delays_the_right_feet_and_leaves_the_left():
         first, second = (np.array(m.facts.footfalls[foot][:3]) for m in (plain, late))
         shift = 0.03 * period if foot.startswith("right") else 0.0
         np.testing.assert_allclose(second - first, shift, atol=1e-9)
-    assert (
-        np.ptp(
-            late.positions.sel(marker="left_hind_paw").values - plain.positions.sel(marker="left_hind_paw").values,
-            axis=0,
-        ).max()
-        == 0
-    )
-    with pytest.raises(ConfigError, match="asymmetry"):
-        quadruped_gait(asymmetry=0.2)
+    assert np.ptp(paw(late, "left_hind") - paw(plain, "left_hind"), axis=0).max() == 0
+
+
+DOGS = {
+    # Hip height in m, and by how much the stored lengths are too small (free fall in the gallop; breed standard).
+    "mann-bvh": (0.46, 1.2),
+    "tencent-bvh": (0.43, 1.0),
+}
+
+
+@pytest.fixture(scope="module")
+def segments(shared: Path) -> list[dict[str, str]]:
+    """Steady straight stretches with at least ten detected footfalls."""
+    with (shared / "data/mocap/segments.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["class"] == "dog" and not row["footfall_note"]]
+    return [row for row in rows if int(row["footfalls"] or 0) >= 10 and row["footfall_phase_lh_lf"]]
+
+
+def lag(rows: list[dict[str, str]], column: str) -> float:
+    """Circular mean of a phase lag, in strides, 0 to 1."""
+    phases = np.array([float(row[column]) for row in rows])
+    return float(np.angle(np.exp(2j * np.pi * phases).mean()) / (2 * np.pi) % 1)
+
+
+@pytest.mark.shared
+def test_stride_frequency_follows_from_speed_and_size(segments: list[dict[str, str]]) -> None:
+    ratios = []
+    for row in segments:
+        hip_m, factor = DOGS[row["file"].split("/")[1]]
+        speed_mps = factor * float(row["speed_mps"])
+        gait = GAITS[pick_gait(froude_number(speed_mps, hip_m))]
+        ratios.append(speed_mps / stride_length_m(gait, speed_mps, hip_m) / float(row["footfall_stride_hz"]))
+    assert len(ratios) == 25
+    # The reference gives c to 8 % and the size of the dogs is known to about as much.
+    assert np.median(ratios) == pytest.approx(1.0, abs=0.08)
+    assert min(ratios) > 0.78  # the Labrador as it sets off, 0.84 m/s
+    assert max(ratios) < 1.15
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("folder", "gait", "count"),
+    [("mann-bvh", "pace", 11), ("tencent-bvh", "walk", 2), ("tencent-bvh", "trot", 1), ("mann-bvh", "trot", 1)],
+)
+def test_footfall_phases_of_the_symmetrical_gaits(
+    segments: list[dict[str, str]], folder: str, gait: str, count: int
+) -> None:
+    rows = [row for row in segments if folder in row["file"] and row["gait"] == gait]
+    assert len(rows) == count
+    motion = quadruped_gait(gait=gait, duration_s=3.0)
+    footfalls, frequency_hz = motion.facts.footfalls, motion.facts.stride_frequency_hz
+    start = footfalls["left_hind"][1]
+    for foot, measured in (
+        ("left_fore", lag(rows, "footfall_phase_lh_lf")),
+        ("right_hind", lag(rows, "footfall_phase_lh_rh")),
+        ("right_fore", lag(rows, "footfall_phase_lh_lf") + lag(rows, "footfall_phase_lf_rf")),
+    ):
+        model = (min(t for t in footfalls[foot] if t >= start - 1e-9) - start) * frequency_hz
+        # Contacts of single segments are known to a frame or two: 0.03 to 0.05 strides.
+        assert abs((model - measured + 0.5) % 1 - 0.5) < 0.05, foot
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("gait", "speed_mps", "stride_hz", "lag"), [("walk", 1.58, 0.947, 0.24), ("trot", 2.88, 1.466, 0.46)]
+)
+def test_a_horse_strides_and_steps_as_the_recorded_one(
+    shared: Path, gait: str, speed_mps: float, stride_hz: float, lag: float
+) -> None:
+    found = []
+    for path in sorted((shared / "data/mocap/horse/vhdc-csv").glob(f"Horse1_M1_{gait}*.csv")):
+        motion = read(path, units="mm", treadmill=True)
+        x_m = {name: motion.position_m[:, list(motion.markers).index(name), 0] for name in ("Withers", "HFL", "HHL")}
+        ahead_s = {}
+        for hoof in ("HHL", "HFL"):
+            peaks, _ = find_peaks(x_m[hoof] - x_m["Withers"], prominence=0.3)
+            ahead_s[hoof] = motion.time_s[peaks]
+        stride_s = float(np.median(np.diff(ahead_s["HHL"])))
+        after_s = ahead_s["HFL"][ahead_s["HFL"] > ahead_s["HHL"][0]][0] - ahead_s["HHL"][0]
+        went_m = x_m["Withers"][-1] - x_m["Withers"][0]
+        found.append((went_m / motion.time_s[-1], 1 / stride_s, after_s / stride_s % 1))
+    assert np.mean(found, axis=0) == pytest.approx((speed_mps, stride_hz, lag), rel=0.06)
+    facts = quadruped_gait(build="horse", withers_m=1.28, gait=gait, speed_mps=speed_mps, duration_s=3.0).facts
+    assert facts.stride_frequency_hz == pytest.approx(stride_hz, rel=0.03)
+    assert facts.footfalls["left_fore"][0] * facts.stride_frequency_hz == pytest.approx(lag, abs=0.05)

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import doppelgait.motion.readers.arrays  # noqa: F401  (registers itself)
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
 from doppelgait.motion.readers.arrays import read_skeletons
@@ -74,22 +73,19 @@ def test_gaps(file: Path) -> None:
     assert np.isnan(motion.position_m[3, 2]).all()
 
 
-def smpl_body(n_joints: int) -> np.ndarray:
-    """A column of joints, the head highest, that moves along x."""
-    height = {"foot": 0.05, "ankle": 0.1, "knee": 0.5, "hip": 0.9, "head": 1.6, "neck": 1.5}
-    z = [
-        next((h for word, h in height.items() if word in name), 1.1)
-        for name in list(read_skeletons()["smpl"][1])[:n_joints]
-    ]
-    body = np.zeros((30, n_joints, 3))
-    body[:, :, 0] = 0.01 * np.arange(30)[:, None]
-    body[:, :, 2] = z
+def column(skeleton: str, shape: tuple[int, ...]) -> np.ndarray:
+    """A column of joints, y up, the head highest, that moves along x."""
+    height = {"head": 1.6, "torso": 1.2, "forearm": 1.0, "hand": 0.9, "arm": 1.1, "thigh": 0.5, "shank": 0.1}
+    parts = [*read_skeletons()[skeleton][1].values()][: shape[1]]
+    body = np.zeros(shape)
+    body[:, :, 0] = 0.05 * np.arange(shape[0])[:, None]
+    body[:, :, 1] = [next((h for word, h in height.items() if part.endswith(word)), 0.05) for part in parts]
     return body
 
 
 @pytest.mark.parametrize("n_joints", [22, 24])
 def test_smpl_joints_only_when_asked(file: Path, n_joints: int) -> None:
-    write(file, positions=smpl_body(n_joints), names=None)
+    write(file, positions=column("smpl", (30, n_joints, 3))[..., [2, 0, 1]], names=None)
     motion = read(file, clean=False, skeleton="smpl")
     assert motion.markers == list(read_skeletons()["smpl"][1])[:n_joints]
     assert motion.positions.part.sel(marker="left_wrist").item() == "left_forearm"
@@ -122,16 +118,17 @@ def test_smpl_joints_are_those_of_the_published_order() -> None:
         assert (max(counts), set(parts.values()) <= set(HUMAN_PARTS)) == (len(parts), True)
 
 
-def test_smpl_is_refused_where_it_cannot_be(file: Path) -> None:
-    write(file, positions=smpl_body(24)[:, :23], names=None)
-    with pytest.raises(
-        MotionError, match=r"holds 23 points, not those of skeleton='smpl'; known are 'smpl' \(22 or 24\)"
-    ):
-        read(file, clean=False, skeleton="smpl")
-    with pytest.raises(MotionError, match="skeleton='bones' is not allowed"):
-        read(file, clean=False, skeleton="bones")
-    with pytest.raises(MotionError, match=r"names its points \(names\); leave out skeleton"):
-        read(write(file), clean=False, skeleton="smpl")
+@pytest.mark.parametrize(
+    ("names", "skeleton", "says"),
+    [
+        (None, "smpl", r"holds 16 points, not those of skeleton='smpl'; known are 'smpl' \(22 or 24\)"),
+        (None, "bones", "skeleton='bones' is not allowed"),
+        (NAMES, "smpl", r"names its points \(names\); leave out skeleton"),
+    ],
+)
+def test_smpl_is_refused_where_it_cannot_be(file: Path, names: list[str] | None, skeleton: str, says: str) -> None:
+    with pytest.raises(MotionError, match=says):
+        read(write(file, names=names), clean=False, skeleton=skeleton)
 
 
 @pytest.mark.parametrize(
@@ -147,16 +144,8 @@ def test_smpl_is_refused_where_it_cannot_be(file: Path) -> None:
     ],
 )
 def test_joints_in_npy_files(tmp_path: Path, shape: tuple[int, ...], options: dict[str, Any], says: str) -> None:
-    """Joints of a column that moves along x, y up, in the order of the model."""
     path = tmp_path / "w.npy"
-    body = np.zeros(shape)
-    if not says:
-        parts = read_skeletons()[options["skeleton"]][1].values()
-        height = {"head": 1.6, "torso": 1.2, "forearm": 1.0, "hand": 0.9, "arm": 1.1, "thigh": 0.5, "shank": 0.1}
-        body[:, :, 1] = [next((h for word, h in height.items() if part.endswith(word)), 0.05) for part in parts][
-            : shape[1]
-        ]
-        body[:, :, 0] = 0.05 * np.arange(30)[:, None]
+    body = np.zeros(shape) if says else column(options["skeleton"], shape)
     np.save(path, body.astype(np.float32))
     if says:
         with pytest.raises(MotionError, match=says):

@@ -11,17 +11,20 @@ from doppelgait.motion import boulic_walk, read
 from doppelgait.motion.readers import MOTION_READERS
 
 
+def write_walk(path, walk, position_m):
+    names = [f"{marker}_{axis}_m" for marker in walk.markers for axis in "xyz"]
+    table = pd.DataFrame(position_m.reshape(len(position_m), -1), columns=names)
+    table.insert(0, "time_s", np.arange(len(position_m)) / walk.rate_hz)
+    table.to_csv(path, index=False)
+    return path
+
+
 @pytest.fixture(scope="module")
 def walk_then_stand(tmp_path_factory):
     """A marker table: 4 s of walking, 2 s of standing, another 3 s of walking."""
     walk = boulic_walk(speed_mps=1.3, height_m=1.75, duration_s=7.0, rate_hz=100.0)
     frames = np.concatenate([np.arange(400), np.full(200, 400), np.arange(400, 700)])
-    names = [f"{marker}_{axis}_m" for marker in walk.markers for axis in "xyz"]
-    table = pd.DataFrame(walk.position_m[frames].reshape(len(frames), -1), columns=names)
-    table.insert(0, "time_s", np.arange(len(frames)) / 100.0)
-    path = tmp_path_factory.mktemp("motion") / "walk.csv"
-    table.to_csv(path, index=False)
-    return path
+    return write_walk(tmp_path_factory.mktemp("motion") / "walk.csv", walk, walk.position_m[frames])
 
 
 def test_a_mixed_recording_becomes_several_examples(walk_then_stand):
@@ -131,11 +134,7 @@ def table_of(path, factor, *, far=0, wide=0):
     position = walk.position_m * factor
     position[:far, 0] = 5e3
     position[:wide, 0, 0] += 100.0
-    names = [f"{marker}_{axis}_m" for marker in walk.markers for axis in "xyz"]
-    table = pd.DataFrame(position.reshape(len(position), -1), columns=names)
-    table.insert(0, "time_s", np.arange(len(position)) / 50.0)
-    table.to_csv(path, index=False)
-    return path
+    return write_walk(path, walk, position)
 
 
 @pytest.mark.parametrize(

@@ -6,23 +6,8 @@ import pytest
 from doppelgait.core.rng import rng
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import parse_run, run_simulation, simulate
-from doppelgait.radar import Radar, add_noise, noise_power_v2
-from doppelgait.radar.simulate import label_baseband
+from doppelgait.radar import Radar, noise_power_v2
 from doppelgait.scene import Scene, Target
-
-
-def test_thermal_noise_level_e18():
-    averaging = {"threshold_step_v": None, "noise_bandwidth_hz": None}
-    one_pulse = Radar.preset("x4", pulse_rate_hz=None, receiver_gain_db=0.0, noise_figure_db=6.0, **averaging)
-    assert one_pulse.receiver_bandwidth_hz == pytest.approx(1.4e9)
-    dbm = 10 * np.log10(noise_power_v2(one_pulse) / (2 * 50) / 1e-3)
-    assert dbm == pytest.approx(-82.5 + 6, abs=0.02)
-    # P = -76.5 dBm: |w|^2 = 2 Z0 P
-    assert noise_power_v2(one_pulse) == pytest.approx(100 * 4.004e-21 * 10**0.6 * 1.4e9, rel=1e-9)
-    x4 = Radar.preset("x4", **averaging)
-    assert noise_power_v2(x4) == pytest.approx(noise_power_v2(one_pulse) * 10 / 94, rel=1e-9)
-    wide = Radar.preset("x4", threshold_step_v=None, noise_bandwidth_hz=2.8e9)
-    assert noise_power_v2(wide) == pytest.approx(2 * noise_power_v2(x4), rel=1e-9)
 
 
 @pytest.mark.parametrize("snr_db", [None, 10.0])
@@ -34,18 +19,6 @@ def test_noise_of_a_recording_has_the_correlation_of_its_radar_e18c(scene, snr_d
     found = [np.mean(difference[:, lag:] * difference[:, :-lag].conj()) for lag in (1, 2, 3)]
     assert found == pytest.approx([0.633, 0.141, 0.006], abs=0.01)
     assert np.mean(np.abs(difference) ** 2) == pytest.approx(1.0, rel=0.01)
-
-
-def test_noise_added_to_a_baseband_is_correlated_as_its_radar_says_e18c():
-    """Its statistics are tested with the kernel."""
-    radar = Radar.preset("x4")
-    quiet = label_baseband(np.zeros((4000, radar.n_range_bins), dtype=np.complex64), np.arange(4000) / 1000.0, radar)
-    noise = add_noise(quiet, noise_power_v2=1.0, rng=np.random.default_rng(2)).values
-    products = [np.vdot(noise[:, :-lag], noise[:, lag:]).real / noise[:, lag:].size for lag in (1, 2, 3)]
-    np.testing.assert_allclose(products, radar.noise_correlation[:3], atol=0.01)
-    both = add_noise(quiet + np.complex64(2 - 1j), noise_power_v2=1.0, rng=np.random.default_rng(2))
-    np.testing.assert_allclose(both.values - noise, 2 - 1j, atol=5e-7)
-    assert both.dtype == np.complex64
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording, TargetTruth, read_recording, write_recording
 from doppelgait.radar.readers import RADAR_READERS, list_writers
 from doppelgait.radar.readers.arrays import write_arrays
-from doppelgait.radar.readers.matlab import list_variables, load_variable
+from doppelgait.radar.readers.matlab import list_variables
 
 LIGHT_MPS = 299_792_458.0
 BIN_M = 0.00643004
@@ -207,7 +207,7 @@ def test_matrices_of_every_number_class_read_as_scipy_reads_them(tmp_path, dtype
         warnings.simplefilter("ignore")
         wanted = loadmat(tmp_path / "m.mat")
     for name in ("a", "some_longer_name", "one"):
-        again = load_variable(found[name])
+        again = found[name].load()
         np.testing.assert_array_equal(again, wanted[name])
         assert again.dtype == wanted[name].dtype
 

@@ -64,22 +64,6 @@ def test_floats_come_back_as_they_were(tmp_path: Path, preset: str, name: str) -
     assert back.radar.n_range_bins == recording.radar.n_range_bins
 
 
-def test_the_file_holds_units_and_single_precision(tmp_path: Path, preset: str) -> None:
-    recording = simulated(preset)
-    made = xethru.write_xethru_recording(recording, tmp_path, start_time=START, session_id="S")
-    content = next(made.glob("*baseband_iq*")).read_bytes()
-    n_bins = recording.radar.n_range_bins
-    counter, bins, spacing_m, rate_hz, carrier_hz, start_m = struct.unpack_from("<II4f", content)
-    assert (counter, bins) == (1, n_bins)
-    assert spacing_m == pytest.approx(8 * 299_792_458.0 / (2 * 23.328e9), rel=1e-7)
-    assert rate_hz == pytest.approx(2.916e9, rel=1e-7)
-    assert carrier_hz == pytest.approx(7.29e9, rel=1e-7)
-    assert start_m == pytest.approx(0.4, rel=1e-7)
-    q = np.frombuffer(content, "<f4", n_bins, 24 + 4 * n_bins)
-    assert np.allclose(q * VPU, recording.baseband.values[0].imag, rtol=1e-6, atol=0)
-    assert len(content) == 200 * (24 + 8 * n_bins)
-
-
 def test_q15_is_right_to_half_a_step(tmp_path: Path, preset: str) -> None:
     recording = simulated(preset)
     back = there_and_back(recording, tmp_path, preset, "radar_baseband_q15")

@@ -308,6 +308,69 @@ def test_without_validation_some_of_train_is_held_back():
     assert "held back for calibration" in document["notes"][0]
 
 
+def as_answers(dataset, model):
+    """The answers of a model to rows, as a table of the user."""
+    values = model.probability(collect_inputs(collect_rows(dataset), "six").values)
+    return pd.DataFrame(values, columns=["human", "dog"]).assign(id=dataset.index["id"])
+
+
+def test_own_answers_are_scored_as_those_of_the_model_that_gave_them(found, tmp_path):
+    dataset, expected = made_up(), dict(found.document["models"]["six-logistic"])
+    table = as_answers(dataset, found.models["six-logistic"])
+    table.sample(frac=1.0, random_state=1)[["id", "human"]].to_csv(tmp_path / "mine.csv", index=False)
+    one = evaluate(dataset, answers=tmp_path / "mine.csv")
+    assert list(one.document["models"]) == ["mine", "chance", "nuisance", "speed"]
+    assert (one.document["own"], one.best, set(one.models)) == ("mine", None, {"chance", "nuisance", "speed"})
+    own = one.document["models"]["mine"]
+    for name in ("balanced_accuracy", "recall", "confusion", "alarm", "roc"):
+        assert own[name] == expected[name], name
+    for name in ("brier", "expected_calibration_error", "held_log_loss"):
+        assert own[name] == pytest.approx(expected[name]), name
+    assert own["decided"]["n"] == (table["human"][dataset.index["split"] == "test"].sub(0.5).abs() >= 0.3).sum()
+    page = write_report(one, tmp_path / "report")[-1].read_text()
+    assert "mine: calibration" in page
+    assert "cpi_s" not in page  # the plan is a file
+    values, numbers = table[["human", "dog"]].to_numpy(), dataset["test"].index["id"].str[1:].astype(int).to_numpy()
+    by_function = lambda part: values[part.index["id"].str[1:].astype(int)]  # noqa: E731
+    for answers in (values, values[numbers], values[numbers, 0], table, by_function):
+        again = evaluate(dataset, answers=answers).document["models"]
+        assert again["own"]["brier"] == pytest.approx(own["brier"])
+    assert evaluate(dataset, answers=table, models=["six-logistic"]).best == "six-logistic"
+
+
+def test_own_answers_need_no_rows_to_train_on_and_may_be_about_another_dataset(found):
+    other = made_up(seed=7, identity="b", split=(0.0, 0.0))
+    table = as_answers(other, found.models["six-logistic"])
+    alone = evaluate(other, answers=table).document
+    assert list(alone["models"]) == ["own"]
+    assert sum(alone["tested"].values()) == 240
+    crossed = evaluate(made_up(), other=other, answers=table).document["models"]
+    assert crossed["own"]["balanced_accuracy"] == alone["models"]["own"]["balanced_accuracy"]
+    assert "nuisance" in crossed
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda t: t[:9], r"'e\d+' is a tested row without a line.* not scored \(\d+ such; 48 are"),
+        (lambda t: pd.concat([t, t.iloc[:1]]), "'e0' has two lines"),
+        (lambda t: t.assign(id="x" + t["id"]), r"'xe0' is no row of .*\(240 such"),
+        (lambda t: t.drop(columns="id"), "it needs id and human, dog"),
+        (lambda t: t.rename(columns={"dog": "cat"}), "has the columns human, cat, id; it needs id and human, dog"),
+        (lambda t: t[["id"]], "has the columns id"),
+        (lambda t: t.assign(dog=np.nan), r"'e0' has .*'dog': nan.*240 of 240 lines are wrong"),
+        (lambda t: t.assign(dog=t["dog"] + 0.1), "with the sum 1, as of a softmax"),
+        (lambda t: t.assign(human=t["human"] - 1, dog=t["dog"] + 1), "from 0 to 1"),
+        (lambda t: np.zeros((7, 2)), r"shape \(7, 2\); must be \(48, 2\)"),
+        (lambda t: "no.csv", r"no\.csv: is no readable table"),
+    ],
+)  # fmt: skip
+def test_own_answers_that_cannot_be_scored_are_one_clear_error(found, change, says):
+    table = as_answers(made_up(), found.models["six-logistic"])
+    with pytest.raises(DatasetError, match=says):
+        evaluate(made_up(), answers=change(table))
+
+
 def wrong_datasets():
     one = made_up(classes=("dog", "dog"))
     one.description["classes"] = {"dog": 0}
@@ -332,6 +395,7 @@ def wrong_datasets():
         (made_up(), {"own": own, "n_folds": 3}, "--adapt: needs one model for all rows"),
         (made_up(), {"own": people}, "contains no dog, so that the shift of the decision"),
         (made_up(), {"unknown": own}, "--unknown .*: has only the classes human, dog, which the models are trained on"),
+        (made_up(), {"answers": "a.csv", "n_folds": 3}, "--answers and --cv: use one of them"),
         (made_up(), {"unknown": cats, "n_folds": 3}, "--unknown: needs one model for all rows"),
     ]
 

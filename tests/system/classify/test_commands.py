@@ -6,6 +6,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from command import run
@@ -48,6 +49,21 @@ def test_figures_of_the_report_have_no_faults(own):
     found = {name: faults(figure) for name, _, figure in make_figures(document)}
     assert {"scores", "confusion", "reliability", "roc-human"} <= set(found)
     assert {name: words for name, words in found.items() if words} == {}
+
+
+def test_own_answers_are_scored_by_the_command_too(own, folder, tmp_path):
+    answers = pd.read_csv(own / "report" / "answers.csv").rename(
+        columns=lambda name: name.removeprefix("six-boosting:")
+    )
+    answers[["id", "label", "human", "dog"]].to_csv(tmp_path / "mine.csv", index=False)
+    shown = run("evaluate", folder, "-o", tmp_path / "r", "--answers", tmp_path / "mine.csv")
+    assert "mine has your own probabilities" in shown.stderr
+    scores = [json.loads((path / "scores.json").read_text())["models"] for path in (own / "report", tmp_path / "r")]
+    assert scores[1]["mine"]["confusion"] == scores[0]["six-boosting"]["confusion"]
+    shown = run("evaluate", folder, "-o", tmp_path / "r", "--models", "six-boosting", "--save", tmp_path / "m.npz")
+    assert "no C form" in shown.stderr
+    with pytest.raises(ConfigError, match="no model to save"):
+        run("evaluate", folder, "-o", tmp_path / "r", "--answers", tmp_path / "mine.csv", "--save", tmp_path / "m.npz")
 
 
 def test_json_is_the_document(own, folder, tmp_path):

@@ -117,6 +117,19 @@ def test_huggingface_by_its_own_package(dataset, mixed, tmp_path):
                     assert np.isnan(row["signature"]).all()
 
 
+def test_pictures_of_signatures_are_a_field(mixed, tmp_path):
+    """They have one shape where the signatures have two."""
+    values = mixed.arrays("signature", as_="picture").values
+    export_dataset(mixed, tmp_path / "out", form="huggingface", fields=["picture"])
+    tables = [pd.read_parquet(path) for path in sorted((tmp_path / "out").glob("*.parquet"))]
+    found = {row["id"]: np.stack(row["picture"]) for table in tables for row in table.to_dict("records")}
+    assert all(np.array_equal(found[name], picture) for name, picture in zip(mixed.index["id"], values, strict=True))
+    assert '"array2_d": {"shape": [64, 64]' in (tmp_path / "out" / "README.md").read_text()
+    described = json.loads((tmp_path / "out" / "dataset.json").read_text())["fields"]["picture"]
+    assert (described["units"], described["patch"]["range_db"]) == ("1", 40.0)
+    assert not open_dataset(mixed.directory).description["fields"].get("picture")
+
+
 def test_huggingface_by_pandas(dataset, tmp_path):
     some = without_track(dataset, 0)
     export_dataset(some, tmp_path / "out", form="huggingface", fields=["signature", "baseband"])

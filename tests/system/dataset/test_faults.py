@@ -7,6 +7,7 @@ import platform
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -19,7 +20,7 @@ from dataset_plans import check_whole, dataset_hash, mini_plan, tiny_plan, whole
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.build import build_dataset, read_dataset_status
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.finish import DATA_VERSION, LOG, SCHEMA_VERSION
+from doppelgait.dataset.finish import DATA_VERSION, LOG, SCHEMA_VERSION, find_dataset, plan_header
 from doppelgait.dataset.lock import Part, build_lock, list_running_builds
 
 LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs Linux")
@@ -309,14 +310,14 @@ def test_status_tells_done_missing_and_damaged_and_cleans_up_after_the_dead(tmp_
     assert build_dataset(tiny_plan(), tmp_path, executor="serial").n_built == 15
 
 
-def test_status_of_what_is_no_dataset(tmp_path):
+@pytest.mark.parametrize(
+    ("description", "says"), [(None, r"no dataset; dataset\.json is missing"), ("[1]", "is damaged")]
+)
+def test_status_of_what_is_no_dataset_removes_nothing(tmp_path, description, says):
     (tmp_path / "mine.partial").write_text("a thesis")
-    with pytest.raises(DatasetError, match=r"contains no dataset; dataset\.json is missing"):
-        read_dataset_status(tmp_path)
-    with pytest.raises(DatasetError, match="contains no dataset"):
-        read_dataset_status(tmp_path / "nowhere")
-    (tmp_path / "dataset.json").write_text("[1]")
-    with pytest.raises(DatasetError, match="is damaged"):
+    if description:
+        (tmp_path / "dataset.json").write_text(description)
+    with pytest.raises(DatasetError, match=says):
         read_dataset_status(tmp_path)
     assert (tmp_path / "mine.partial").exists()
 
@@ -362,38 +363,27 @@ def let_one_fail(monkeypatch, error):
     monkeypatch.setattr(shard, "simulate_example", fail)
 
 
-def test_an_error_of_an_example_is_recorded_with_its_reason(tmp_path, monkeypatch):
-    let_one_fail(monkeypatch, FloatingPointError("invalid value encountered in sqrt"))
-    report = build_dataset(mini_plan(), tmp_path / "d", executor="serial")
-    (failure,) = report.failures
-    assert failure["id"] == "dog-000001"
-    assert "invalid value encountered in sqrt" in failure["reason"]
-    assert json.loads(failure["spec"])["id"] == "dog-000001"
-    assert len(failure["reason"].splitlines()) == 1
-
-
 @pytest.mark.parametrize(("share", "complete"), [(0.0, False), (0.24, False), (0.25, True), (1.0, True)])
-def test_the_share_that_may_fail(tmp_path, monkeypatch, share, complete):
-    let_one_fail(monkeypatch, DatasetError("no luck"))
+def test_an_error_of_an_example_is_recorded_within_the_share_that_may_fail(tmp_path, monkeypatch, share, complete):
+    let_one_fail(monkeypatch, FloatingPointError("invalid value encountered in sqrt"))
     report = build_dataset(mini_plan(), tmp_path, executor="serial", max_failed_share=share)
     assert report.too_many_failed is not complete
     assert json.loads((tmp_path / "dataset.json").read_text())["complete"] is complete
     assert (report.n_rows, report.n_failed) == (3, 1)
+    (failure,) = report.failures
+    assert failure["id"] == json.loads(failure["spec"])["id"] == "dog-000001"
+    assert failure["reason"] == "internal error: FloatingPointError: invalid value encountered in sqrt"
     with pytest.raises(ConfigError, match="max_failed_share"):
         build_dataset(mini_plan(), tmp_path, executor="serial", max_failed_share=1.1)
 
 
-def test_a_folder_of_an_older_version_is_refused_with_the_command_that_makes_it_again(tmp_path):
+@pytest.mark.parametrize(("origin", "command"), [("simulated", "build PLAN"), ("imported", "import RECORDINGS --lab")])
+def test_a_folder_of_an_older_version_is_refused_with_the_command_that_makes_it_again(tmp_path, origin, command):
     old = {"name": "tiny", "id": "0123456789abcdef", "data_version": 7, "schema_version": SCHEMA_VERSION}
-    old |= {"classes": {}, "fields": {}, "config": mini_plan().model_dump(mode="json")}
-    (tmp_path / "dataset.json").write_text(json.dumps(old))
-    (tmp_path / "shards").mkdir()
-    (tmp_path / "shards" / "train-00000-of-00001.h5").write_bytes(b"old")
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    says = rf"data version 7, this doppelgait has {DATA_VERSION} .*: doppelgait dataset build PLAN -o FOLDER"
-    with pytest.raises(DatasetError, match=says):
-        build_dataset(mini_plan(), tmp_path, executor="serial")
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    (tmp_path / "dataset.json").write_text(json.dumps(old | {"classes": {}, "fields": {}}))
+    header = replace(plan_header(mini_plan(), "f" * 16, tmp_path), origin=origin)
+    with pytest.raises(DatasetError, match=rf"data version 7, .* has {DATA_VERSION} .*: doppelgait dataset {command}"):
+        find_dataset(tmp_path, header)
 
 
 def test_a_worker_of_another_version_builds_nothing(tmp_path, monkeypatch):

@@ -1,6 +1,6 @@
 """Motion models: people, animals, confusers and primitives."""
 
-from doppelgait.motion.models.boulic import BoulicConfig, boulic_walk, compute_boulic_points
+from doppelgait.motion.models.boulic import BoulicConfig, boulic_walk
 from doppelgait.motion.models.human import HumanConfig, human_gait
 from doppelgait.motion.models.human_body import Person, sample_person
 from doppelgait.motion.models.primitives import (
@@ -42,7 +42,6 @@ __all__ = [
     "VacuumConfig",
     "boulic_walk",
     "breathing_person",
-    "compute_boulic_points",
     "crawling_person",
     "curtain",
     "fan",

@@ -243,26 +243,8 @@ def compute_boulic_points(
     offset_scale_m: Values,
     offset_signs: npt.ArrayLike = "continuous",
 ) -> FloatArray:
-    """Return the walker's points in place, without forward motion (Boulic et al. 1990; Chen 2011).
-
-    Parameters
-    ----------
-    phase : array_like, shape (n,)
-        Cycles; 0 is initial contact of the right leg. Any real number.
-    relative_speed : float
-        q = V/L in 1/s, 0 < q <= 3; otherwise ConfigError is raised.
-    height_m : float
-        Stature H.
-    offset_scale_m : float
-        Unit k of the body offsets: L for consistent units, 1 m in the published program.
-    offset_signs : str
-        See :func:`compute_body_offset`.
-
-    Returns
-    -------
-    ndarray, shape (n, 17, 3)
-        Metres in the order of ``human_body.POINTS``; origin at the base of the average spine.
-    """
+    """Return the points in place (Boulic et al. 1990; Chen 2011), (n, 17, 3), m."""
+    # the origin is the base of the average spine; the unit k of offsets is L in consistent units
     p, q = np.atleast_1d(np.asarray(phase, dtype=float)), relative_speed
     for each in np.ravel(q):
         if not 0 < each <= TOP_RELATIVE_SPEED * (1 + 1e-9):

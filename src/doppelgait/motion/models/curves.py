@@ -46,7 +46,7 @@ class CycleCurve:
     coefficients: npt.NDArray[np.complex128]
 
     def __call__(self, phase: FloatArray) -> FloatArray:
-        """Values at phases (..., n); their leading axes are broadcast against those of the curves."""
+        """Values at phases (..., n), whose leading axes are broadcast to those of the curves."""
         count, n_terms = phase.shape[-1], self.coefficients.shape[-1]
         lead = np.broadcast_shapes(self.coefficients.shape[:-1], phase.shape[:-1])
         terms = np.broadcast_to(self.coefficients, (*lead, n_terms)).reshape(-1, n_terms)
@@ -66,7 +66,7 @@ MEASURED_SPEEDS = {"walk": (0.18, 0.350, 0.59), "run": (0.93, 1.111, 1.22)}
 SLOWEST_ARMS = 0.3
 """Dimensionless speed below which the arms swing alike."""
 DUTY = (0.533, 0.021)
-"""Share of a walker's cycle with a foot on the floor (force plates: 0.62 with the toe), and slope."""
+"""Share of a walker's cycle with a foot on the floor (force plates, with toe: 0.62), and slope."""
 
 
 def make_measured_curve(
@@ -134,7 +134,7 @@ TRUNK_CURVES = *(f"{end}_{name}" for end in ("hind", "fore") for name in _GIRDLE
 
 
 def join_trunk_curves(gaits: Sequence[RecordedGait], touchdowns: Sequence[Mapping[str, float]]) -> CycleCurve:
-    """Join the trunk curves of a batch, each at its first phase. Shapes: coefficients (12, B, 5)."""
+    """Join the trunk curves of a batch, each at its first phase: coefficients (12, B, 5)."""
     terms, begins = np.zeros((len(TRUNK_CURVES), len(gaits), 5), complex), np.empty((len(TRUNK_CURVES), len(gaits), 1))
     for row, name in enumerate(TRUNK_CURVES):
         for number, (gait, touchdown) in enumerate(zip(gaits, touchdowns, strict=True)):

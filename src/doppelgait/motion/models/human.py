@@ -265,21 +265,11 @@ def adult_speed_mps(speed_mps: float, height_m: float) -> float:
     return speed_mps * math.sqrt(ADULT_M / height_m)
 
 
-def run_step_frequency_hz(speed_mps: float, height_m: float = ADULT_M) -> float:
-    """Return the steps per second of a runner."""
-    return _interpolate_table(RUN.steps, adult_speed_mps(speed_mps, height_m)) * math.sqrt(ADULT_M / height_m)
-
-
-def run_duty_factor(speed_mps: float, height_m: float = ADULT_M) -> float:
-    """Return a runner's duty factor by speed."""
-    return _interpolate_table(RUN.duty, adult_speed_mps(speed_mps, height_m))
-
-
-def _interpolate_table(table: list[list[float]], at: float) -> float:
+def interpolate_run(table: Sequence[Sequence[float]], adult_mps: FloatArray) -> FloatArray:
+    """Return the values of a table of runs at speeds of an adult of 1.75 m."""
     x, y = table  # below the first value, the first slope is extrapolated
-    if at < x[0]:
-        return y[0] + (at - x[0]) * (y[1] - y[0]) / (x[1] - x[0])
-    return float(np.interp(at, x, y))
+    below = y[0] + (adult_mps - x[0]) * (y[1] - y[0]) / (x[1] - x[0])
+    return np.where(adult_mps < x[0], below, np.interp(adult_mps, x, y))
 
 
 def run_height_m(phase: npt.ArrayLike, stride_s: Values, duty: Values) -> FloatArray:
@@ -495,10 +485,9 @@ def _walk_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Siz
 
 
 def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Sizes) -> GaitStyle:
-    own = [(config.speed_mps, config.height_m) for config in parameters]
-    adult_mps = make_column([adult_speed_mps(*args) for args in own])
-    period_s = 2 / make_column([run_step_frequency_hz(*args) for args in own]) * np.sqrt(columns.walk_ratio)
-    duty = make_column([run_duty_factor(*args) for args in own])
+    adult_mps = make_column([adult_speed_mps(config.speed_mps, config.height_m) for config in parameters])
+    steps_hz = interpolate_run(RUN.steps, adult_mps) * np.sqrt(ADULT_M / columns.height_m)
+    period_s, duty = 2 / steps_hz * np.sqrt(columns.walk_ratio), interpolate_run(RUN.duty, adult_mps)
     leg_m, stride_m = size_m["thigh"] + size_m["shank"], columns.speed_mps * period_s
 
     def sway(phase: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -396,16 +397,8 @@ def fan(config: FanConfig, times_s: FloatArray) -> Body:
     return points, {"height_m": config.hub_height_m + config.radius_m, **facts}
 
 
-TOUCHDOWN = {"right_hand": 0.0, "left_knee": 0.0, "left_hand": 0.5, "right_knee": 0.5}
-"""Phases in cycles at which hands and knees touch down, in diagonal pairs."""
-DUTY = 0.65
-"""Share of the stride in which a limb is on the floor (assumed)."""
-STRIDE_RATIO = 0.36
-"""Stride length over frequency in statures per Hz: 0.8 Hz at 0.4 m/s and 1.75 m (assumed)."""
-HAND_LIFT = 0.04
-"""Height of the hand in mid-swing over the stature (assumed); knees slide forward on the floor."""
-ARM_REACH = 0.95
-"""Largest distance of hand and shoulder over the length of the arm."""
+CRAWL = SimpleNamespace(**PEOPLE["crawl"])
+"""Gait of a crawling person, which is assumed."""
 
 
 class CrawlConfig(FrozenModel):
@@ -431,7 +424,7 @@ class CrawlConfig(FrozenModel):
 
     @model_validator(mode="after")
     def _check_speed(self) -> CrawlConfig:
-        top_mps = (0.36 / DUTY) ** 2 / STRIDE_RATIO * self.height_m
+        top_mps = (0.36 / CRAWL.duty) ** 2 / CRAWL.stride_ratio * self.height_m
         if self.speed_mps > top_mps:
             raise ValueError(
                 f"speed_mps: {self.speed_mps:g} is not allowed: a person of height_m = {self.height_m:g} crawls at "
@@ -457,7 +450,7 @@ def crawling_person(parameters: Sequence[CrawlConfig], durations_s: Sequence[flo
     """
     columns = Columns(parameters)
     height_m = columns.height_m
-    stride_hz = np.sqrt(columns.speed_mps / (STRIDE_RATIO * height_m))
+    stride_hz = np.sqrt(columns.speed_mps / (CRAWL.stride_ratio * height_m))
     timing, drift = time_even_strides(durations_s, columns, 1 / stride_hz, rngs)
     stride_m = columns.speed_mps / stride_hz
     points = compute_crawling_points(timing.phase, stride_m / height_m, drift)
@@ -465,7 +458,7 @@ def crawling_person(parameters: Sequence[CrawlConfig], durations_s: Sequence[flo
     start = timing.phase[:, :1]
     position_m[..., 0] -= (stride_m * (start + drift(start)))[..., None]
     report = {"gait": "assumed: timing and proportions"}
-    return make_person_motions(position_m, timing, parameters, ["crawl"] * len(parameters), TOUCHDOWN, report)
+    return make_person_motions(position_m, timing, parameters, ["crawl"] * len(parameters), CRAWL.touchdown, report)
 
 
 def place_limb(phase: FloatArray, touchdown: float, drift: Curve) -> tuple[FloatArray, FloatArray]:
@@ -473,31 +466,31 @@ def place_limb(phase: FloatArray, touchdown: float, drift: Curve) -> tuple[Float
     # the place is in strides, the lift from 0 to 1
     cycles = phase - touchdown
     number = np.floor(cycles)
-    share = np.clip((cycles - number - DUTY) / (1 - DUTY), 0.0, 1.0)
-    swing, middle = share**2 * share * (10 - 15 * share + 6 * share**2), touchdown + DUTY / 2
+    share = np.clip((cycles - number - CRAWL.duty) / (1 - CRAWL.duty), 0.0, 1.0)
+    swing, middle = share**2 * share * (10 - 15 * share + 6 * share**2), touchdown + CRAWL.duty / 2
     late = drift(number + middle)
     late += swing * (drift(number + 1 + middle) - late)
-    return number + swing + touchdown + DUTY / 2 + late, sine(np.pi * share) ** 2
+    return number + swing + touchdown + CRAWL.duty / 2 + late, sine(np.pi * share) ** 2
 
 
 def compute_crawling_points(phase: FloatArray, stride: Values, drift: Curve) -> dict[str, FloatArray]:
     """Return the crawlers' points by name, in statures, (..., n, 3)."""
     size, way = LENGTHS, phase + drift(phase)
     x = stride * way
-    reach = ARM_REACH * (size["upper_arm"] + size["forearm"])
-    rise = np.sqrt(reach**2 - (DUTY * stride / 2) ** 2) - size["thigh"]
+    reach = CRAWL.arm_reach * (size["upper_arm"] + size["forearm"])
+    rise = np.sqrt(reach**2 - (CRAWL.duty * stride / 2) ** 2) - size["thigh"]
     along = np.sqrt(size["torso"] ** 2 - rise**2)
     points = {"base": stack_columns(x, 0.0, size["thigh"]), "neck": stack_columns(x + along, 0.0, size["thigh"] + rise)}
     points["head"] = points["neck"] + size["head"] * np.array([math.cos(0.6), 0.0, math.sin(0.6)])
     for side, sigma in (("left", 1.0), ("right", -1.0)):
         shoulder = points["neck"] + np.array([0.0, sigma * size["half_shoulder"], 0.0])
-        place, lift = place_limb(phase, TOUCHDOWN[f"{side}_hand"], drift)
+        place, lift = place_limb(phase, CRAWL.touchdown[f"{side}_hand"], drift)
         ahead = points["neck"][..., 0] - x + stride * place
-        hand = stack_columns(ahead, sigma * size["half_shoulder"], HAND_LIFT * lift)
+        hand = stack_columns(ahead, sigma * size["half_shoulder"], CRAWL.hand_lift * lift)
         elbow = solve_two_links(shoulder, hand, size["upper_arm"], size["forearm"], bend=-1.0)
         # the thigh rotates about the hip over the resting knee, which rises slightly at both ends
         hip = points["base"] + np.array([0.0, sigma * size["half_hip"], 0.0])
-        ahead = stride * (place_limb(phase, TOUCHDOWN[f"{side}_knee"], drift)[0] - way)
+        ahead = stride * (place_limb(phase, CRAWL.touchdown[f"{side}_knee"], drift)[0] - way)
         knee = hip + stack_columns(ahead, 0.0, -np.sqrt(size["thigh"] ** 2 - ahead**2))
         ankle = knee - [size["shank"], 0.0, 0.0]
         limbs = {"shoulder": shoulder, "elbow": elbow, "hand": hand, "hip": hip, "knee": knee, "ankle": ankle}

@@ -27,7 +27,6 @@ from doppelgait.motion.models.quadruped_gaits import (
     GAITS,
     TABLES,
     BuildName,
-    Gait,
     GaitChoice,
     GaitName,
     duty_factor,
@@ -124,7 +123,7 @@ def compute_trunk_motion(
     phase: FloatArray, distance: FloatArray, gait: Columns, build: Columns, stride: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the trunk at standing height, and the swings of neck and tail."""
-    # the trunk has (x, y, roll, yaw, rise) of its hind and fore girdle, (2, 5, B, n), angles in degrees
+    # the trunk has (x, y, roll, yaw, rise) of hind and fore girdle, (2, 5, B, n), in degrees
     *girdles, neck, tail = join_trunk_curves(gait.curves, gait.touchdown)(phase)
     trunk = np.array(girdles).reshape(2, 5, *phase.shape)
     trunk[:, :4] *= gait.ripple
@@ -408,7 +407,11 @@ def quadruped_gait(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[
     ('dog', 'trot', 1.9)
     """
     columns, builds = Columns(parameters), [BUILDS[config.build] for config in parameters]
-    gaits, hip_m = [_make_gait(config) for config in parameters], columns.hip_m
+    gaits = [
+        fit_gait_to_build(c.actual_gait, build, c.asymmetry, c.trunk_ripple, c.hind_swing_peak, c.fore_swing_peak)
+        for c, build in zip(parameters, builds, strict=True)
+    ]
+    hip_m = columns.hip_m
     paces = zip(gaits, columns.actual_speed_mps.ravel().tolist(), hip_m.ravel().tolist(), strict=True)
     stride_m = columns.stride_ratio * make_column([stride_length_m(*pace) for pace in paces])
     timing, drift = time_even_strides(durations_s, columns, stride_m / columns.actual_speed_mps, rngs)
@@ -435,11 +438,6 @@ def quadruped_gait(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[
         mass = f"assumed: {build.mass_kg:.3g} kg at withers_m = {build.withers_m:g}, with the cube of the height"
         reports.append({"mass_kg": mass, "proportions": build.source})
     return make_gait_motions(position_m, timing, parameters, landings, PART_OF_POINT, facts, reports)
-
-
-def _make_gait(config: QuadrupedConfig) -> Gait:
-    habits = config.asymmetry, config.trunk_ripple, config.hind_swing_peak, config.fore_swing_peak
-    return fit_gait_to_build(config.actual_gait, BUILDS[config.build], *habits)
 
 
 def _vary_course(

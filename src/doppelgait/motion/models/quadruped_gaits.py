@@ -15,6 +15,7 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from doppelgait.core.config import check_choice, check_type, read_toml
 from doppelgait.core.errors import ConfigError
@@ -56,13 +57,7 @@ class Gait:
 
 TABLES = read_toml(Path(__file__).with_name("quadruped_gaits.toml"))[0]
 
-
-def _make_gait(touchdown: dict[str, float], froude: list[float], **values: Any) -> Gait:
-    hind, fore = (Girdle(**values.pop(end)) for end in ("hind", "fore"))
-    return Gait(touchdown, (froude[0], froude[1], froude[2]), hind=hind, fore=fore, **values)
-
-
-GAITS: dict[str, Gait] = {name: _make_gait(**table) for name, table in TABLES["gaits"].items()}
+GAITS = TypeAdapter(dict[str, Gait]).validate_python(TABLES["gaits"])
 """All gaits by name. A new one needs a table of ``quadruped_gaits.toml`` and a :data:`GaitName`."""
 
 GAITS_BY_SPEED: tuple[GaitName, ...] = ("walk", "trot", "gallop")
@@ -143,7 +138,7 @@ def fit_gait_to_build(
     if name == "walk":
         touchdown |= {f"{side}_fore": touchdown[f"{side}_hind"] + build.walk_lag for side in ("left", "right")}
     touchdown |= {foot: phase + asymmetry for foot, phase in touchdown.items() if foot.startswith("right")}
-    # the duty factor is that of a dog at the same Froude number: who has shorter strides has shorter swings
+    # the duty factor is a dog's at the same Froude number: who has shorter strides has shorter swings
     ratio = build.stride.get(name, 1.0)
     hind = replace(gait.hind, swing=ratio, swing_peak=hind_peak)
     fore = replace(gait.fore, swing=ratio, swing_peak=fore_peak)

@@ -173,7 +173,7 @@ def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike, sizes: npt.Ar
 
 def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
     """Return shape-preserving cubics through periodic knots (Fritsch and Carlson 1980)."""
-    # slopes are 0 at a level chord or a change of sign, otherwise the chords' weighted harmonic mean
+    # slopes are 0 at a level chord or a change of sign, else the chords' weighted harmonic mean
     x, y = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
     count = x.shape[-1]
     around = np.arange(-2, count + 2)  # slopes depend only on the neighbours
@@ -262,7 +262,7 @@ class Timing:
 def time_even_strides(
     durations_s: Sequence[float], columns: Columns, period_s: FloatArray, rngs: Rngs
 ) -> tuple[Timing, Curve]:
-    """Time frames by stride clocks; also return the drift from equal strides by phase, in strides."""
+    """Time frames by stride clocks; also return the drift from equal strides, by phase."""
     # it is exactly 0 without pace_sd; stride_variation and pace_sd need not be parameters
     times_s, counts = sample_times_s(durations_s, columns.rate_hz)
     none = np.zeros_like(period_s)
@@ -308,7 +308,7 @@ def make_gait_motions(
     position_m = np.ascontiguousarray(position_m)
     times_s, phase = timing.times_s, timing.phase
     strides_hz = ((phase[:, -1] - phase[:, 0]) / (times_s[:, -1] - times_s[:, 0])).tolist()
-    # phases of all landings; a row is filled with the value of its first knot, which is inverted at once
+    # phases of all landings; a row is filled with the value of its first knot, inverted at once
     sizes = [sum(phases.size for phases in feet.values()) for feet in landings]
     wanted = np.repeat(timing.clock.coefficients[0, :, :1], max(sizes), axis=1)
     for landed, size, feet in zip(wanted, sizes, landings, strict=True):

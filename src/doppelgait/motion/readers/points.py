@@ -444,16 +444,6 @@ def take_subject(path: Path, position_m: FloatArray, body: BodyPoints) -> tuple[
     )
 
 
-@dataclass(frozen=True)
-class LengthUnit:
-    """Length unit of the points of a file. Shapes: each (K, 1)."""
-
-    name: str
-    metres: float
-    source: str = ""
-    each: FloatArray | None = None
-
-
 MIN_FRAMES = 3
 MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 10_000.0
 
@@ -558,7 +548,7 @@ def choose_up_axis(
 
 
 def has_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
-    """Return True if the first frame is a rest pose. Shapes: root_rotation (T, k); position (T, J, 3)."""
+    """Return True if a rest pose is first. Shapes: root_rotation (T, k); position (T, J, 3)."""
     # conversions of the CMU database have one
     if len(position) < 3 or root_rotation[0].any() or not root_rotation[1].any():
         return False
@@ -592,7 +582,7 @@ def pick_joints(path: Path, names: Sequence[str], parents: Sequence[int], positi
     if 2 * len(bones) > len(names):
         others = set(range(len(names))) - set(bones)
         reasons |= {j: "rig helper (no b_ bone)" for j in sorted(others - set(reasons))}
-    # the root, if it is no joint of the body: one child at a distance, and it never moves or is so named
+    # the root, if no joint of the body: one child at a distance, and it never moves or is so named
     children = [j for j, parent in enumerate(parents) if parent == 0 and j not in reasons]
     if len(children) == 1 and len(names) >= 3 and 0 not in reasons:
         root, child = position[:, 0], position[:, children[0]]
@@ -655,8 +645,8 @@ def connect_kept(parents: Sequence[int], kept: Sequence[int]) -> list[int]:
 
 def find_skeleton_unit(
     path: Path, body: BodyPoints, parents: Sequence[int], position: FloatArray, unit: str | float | None, unit_from: str
-) -> LengthUnit:
-    """Return the stated length unit, or guess it. Shapes: position (T, J, 3)."""
+) -> tuple[str, float, str]:
+    """Return name, metres and source of the stated unit, or guess it. Shapes: position (T, J, 3)."""
     above = connect_kept(parents, body.kept)
     size = measure_skeleton(above, _measure_bone_lengths(above, position[:, body.kept]))
     species = guess_species(body.labels)
@@ -671,7 +661,7 @@ def find_skeleton_unit(
                 f"{path}: with {name} ({unit_from}) the skeleton measures {size * metres:.3g} m along its bones; usual "
                 f"are {low:g} to {high:g} m. If that is wrong, give the unit: units='cm', 'm', 'in', 'mm' or 'cmu'."
             )
-        return LengthUnit(name, metres, unit_from)
+        return name, metres, unit_from
     known = METRIC if species == "dog" else METRIC | INCHES
     fits = [name for name, metres in known.items() if low <= size * metres <= high]
     best = min(known, key=lambda name: abs(np.log(max(size, 1e-300) * known[name] / typical)))
@@ -681,4 +671,4 @@ def find_skeleton_unit(
             f"{path}: names no length unit and its skeleton measures {size:.4g} along its bones; {best} is assumed"
             f"{others}. If that is wrong, give the unit: units='cm', 'm', 'in', 'mm' or 'cmu' (1/0.45 inch)."
         )
-    return LengthUnit(best, known[best], "size of the skeleton")
+    return best, known[best], "size of the skeleton"

@@ -21,7 +21,6 @@ from doppelgait.motion.readers.points import (
     MAX_RATE_HZ,
     MIN_FRAMES,
     MIN_RATE_HZ,
-    LengthUnit,
     check_amount,
     check_rate,
     choose_up_axis,
@@ -130,10 +129,7 @@ def list_head_lines(path: Path, head: bytes, n_lines: int) -> list[str]:
 
 def trim_cells(cells: Sequence[str]) -> list[str]:
     """Return the cells without blank cells at the end."""
-    n = len(cells)
-    while n and not cells[n - 1]:
-        n -= 1
-    return list(cells[:n])
+    return list(cells[: max((n for n, cell in enumerate(cells, start=1) if cell), default=0)])
 
 
 def to_numbers(path: Path, rows: Sequence[Row], columns: Sequence[int], titles: Sequence[str]) -> FloatArray:
@@ -338,7 +334,7 @@ def make_timed_motion(
             f"{path}: states no {' and no '.join(name.split(':')[0] for name in missing)}; give the "
             f"{', and the '.join(missing)}"
         )
-    notes, rate_from = list(points.notes), ""
+    notes, rate_from, unit_from, each = list(points.notes), "", "", None
     if points.root_turns is not None and has_rest_pose(points.root_turns, points.position):
         points = replace(points, position=points.position[1:])
         notes.append("frame 0 is a rest pose put in front of the recording; left out")
@@ -346,22 +342,21 @@ def make_timed_motion(
     if points.parents is not None:
         body = pick_joints(path, points.labels, points.parents, position)
         unit_from = "option" if units else points.unit_from
-        unit = find_skeleton_unit(path, body, points.parents, position, stated, unit_from)
+        unit, metres, unit_from = find_skeleton_unit(path, body, points.parents, position, stated, unit_from)
         rate_from = points.rate_from if rate_hz is None else "option"
     else:
         wanted = None if subject is None else str(subject)
         texts, parts = points.texts, points.parts
         body = pick_markers(path, points.labels, position, notes, subject=wanted, texts=texts, known_parts=parts)
-        each = None
         if points.each is not None and units is None:
             names = [points.each[i] for i in body.kept]
             each = np.array([[convert_unit_to_metres(path, name) for name in point] for point in names])
             flat = [name for point in names for name in point]
             stated = max(dict.fromkeys(flat), key=flat.count)
-        name = find_unit(path, str(stated or ""), position[:, body.kept])
-        unit = LengthUnit(name, convert_unit_to_metres(path, name), each=each)
+        unit = find_unit(path, str(stated or ""), position[:, body.kept])
+        metres = convert_unit_to_metres(path, unit)
     check_amount(path, len(position))
-    position_m = position[:, body.kept] * (unit.metres if unit.each is None else unit.each)
+    position_m = position[:, body.kept] * (metres if each is None else each)
     chosen, body = take_subject(path, position_m, body)
     position_m = position_m[:, chosen]
     notes += remove_implausible(path, position_m)
@@ -387,9 +382,9 @@ def make_timed_motion(
             "n_frames": len(position),
             "points_in_file": len(body.labels),
             **({} if body.measured is None else {"points_measured": body.measured}),
-            "length_unit": unit.name,
-            "metres_per_unit": unit.metres,
-            **({"length_unit_from": unit.source} if unit.source else {}),
+            "length_unit": unit,
+            "metres_per_unit": metres,
+            **({"length_unit_from": unit_from} if unit_from else {}),
             **axis_facts,
             **points.report,
             "dropped": dropped,

@@ -1,8 +1,9 @@
-"""Parameters of the tracker, live tracks and finished tracks."""
+"""Detections, parameters of the tracker, live tracks and finished tracks."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -11,10 +12,33 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.units import FloatArray
-from doppelgait.processing.detections import Detection
 from doppelgait.processing.track.kalman import Gaussian, Model, smooth
 
 Association = Literal["auto", "gnn", "jpda"]
+
+
+@dataclass(frozen=True)
+class Detection:
+    """One cluster of range-Doppler cells."""
+
+    range_m: float
+    velocity_mps: float
+    power_v2: float
+    range_sd_m: float
+    velocity_sd_mps: float
+    range_low_m: float
+    range_high_m: float
+    velocity_low_mps: float
+    velocity_high_mps: float
+    n_cells: int
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Detections of one coherent processing interval."""
+
+    time_s: float
+    detections: tuple[Detection, ...] = ()
 
 
 class Tracker(FrozenModel):
@@ -220,17 +244,16 @@ class Track:
         surprise = self.mean_nis / NIS_EXPECTED if np.isfinite(self.mean_nis) else 1.0
         return self.detected_share / max(1.0, surprise)
 
+    def change_arrays(self, change: Callable[[str, npt.NDArray[Any]], npt.NDArray[Any]], **others: Any) -> Track:
+        """Apply a function of name and values to every array, and replace other fields."""
+        arrays = {name: change(name, values) for name, values in vars(self).items() if isinstance(values, np.ndarray)}
+        return replace(self, **(others | arrays))
+
     def append_track(self, later: Track) -> Track:
         """Append a later track of the same body, keeping the gap between."""
-        arrays: dict[str, Any] = {
-            one.name: np.concatenate([getattr(self, one.name), getattr(later, one.name)])
-            for one in fields(self)
-            if isinstance(getattr(self, one.name), np.ndarray)
-        }
         share = self.times_s.size / (self.times_s.size + later.times_s.size)
-        return replace(
-            self,
-            **arrays,
+        return self.change_arrays(
+            lambda name, values: np.concatenate([values, getattr(later, name)]),
             mean_nis=share * self.mean_nis + (1 - share) * later.mean_nis,
             mean_power_v2=share * self.mean_power_v2 + (1 - share) * later.mean_power_v2,
         )
@@ -241,7 +264,7 @@ def finish_track(live: LiveTrack) -> Track:
     stop = max(n for n, step in enumerate(live.steps) if step.outcome == MEASURED) + 1
     steps = live.steps[:stop]
     states = np.array(smooth([s.filtered for s in steps], [s.predicted for s in steps], [s.model for s in steps]))
-    # box around the centre: weighted mean of the boxes so far, each with 0.9 times the weight of the next
+    # box around the centre: mean of the boxes so far, each with 0.9 times the weight of the next
     boxes = states[:, [0, 0, 1, 1]]
     total, weight = np.zeros(4), 0.0
     for n, step in enumerate(steps):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -48,8 +47,8 @@ def sum_torso_profiles(clean: Frames, found: Track, *, wavelength_m: float, cpi_
     pulses = np.round((found.times_s - times_s[0]) * prf_hz - size / 2).astype(np.int64)
     pulses = np.clip(pulses, 0, times_s.size - size)
     if burst is not None:  # a track has its times in the middle of bursts
-        number = np.searchsorted(slow_time.split_bursts()[:, -1], found.times_s)
-        pulses = burst * np.minimum(number, times_s.size // burst - 1)
+        chosen = np.searchsorted(slow_time.split_bursts()[:, -1], found.times_s)
+        pulses = burst * np.minimum(chosen, times_s.size // burst - 1)
     for number, (first, centre_m, velocity_mps) in enumerate(
         zip(pulses, found.range_m, found.velocity_mps, strict=True)
     ):
@@ -168,10 +167,8 @@ def _move_to_echo(one: Track, place_m: FloatArray, run: tuple[int, int], *, whol
     moved = replace(one, range_m=centre_m, range_low_m=centre_m - half_m, range_high_m=centre_m + half_m)
     if whole:
         return moved
-    arrays: dict[str, Any] = {
-        name: value[inside] for name, value in vars(moved).items() if isinstance(value, np.ndarray)
-    }
-    return replace(moved, **arrays, confirmed_at_s=max(one.confirmed_at_s, float(one.times_s[run[0]])))
+    confirmed_at_s = max(one.confirmed_at_s, float(one.times_s[run[0]]))
+    return moved.change_arrays(lambda _, values: values[inside], confirmed_at_s=confirmed_at_s)
 
 
 def _join(before: Track, after: Track) -> Track | None:
@@ -182,9 +179,4 @@ def _join(before: Track, after: Track) -> Track | None:
     if not -SAME_S <= gap_s <= 2.0 * SAME_S or abs(place_m - float(after.range_m[0])) > 2.0 * SAME_M:
         return None
     early = before.times_s < after.first_s - 1e-9
-    arrays: dict[str, Any] = {
-        name: np.concatenate([value[early], getattr(after, name)])
-        for name, value in vars(before).items()
-        if isinstance(value, np.ndarray)
-    }
-    return replace(before, **arrays)
+    return before.change_arrays(lambda name, values: np.concatenate([values[early], getattr(after, name)]))

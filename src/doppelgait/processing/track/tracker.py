@@ -7,19 +7,22 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.processing.detections import Detection, Scan
+from doppelgait.core.units import FloatArray, exponential
 from doppelgait.processing.track import kalman
-from doppelgait.processing.track.associate import Associations, associate, compute_gate_threshold
 from doppelgait.processing.track.kalman import Gaussian, Innovation, Model
 from doppelgait.processing.track.live import (
     MEASURED,
     MISSED,
     SHARED,
+    Detection,
     LiveTrack,
+    Scan,
     Step,
     Track,
     Tracker,
@@ -124,11 +127,8 @@ def track(
 def _update_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps: float | None) -> None:
     """Predict, associate and update every track, confirmed tracks first."""
     free = list(scan.detections)
-    groups = (
-        [one for one in live if one.confirmed_at_s is not None],
-        [one for one in live if one.confirmed_at_s is None],
-    )
-    for confirmed, group in zip((True, False), groups, strict=True):
+    for confirmed in (True, False):
+        group = [one for one in live if (one.confirmed_at_s is not None) == confirmed]
         if not group:
             continue
         models = [_choose_model(one, scan.time_s, options) for one in group]
@@ -281,8 +281,107 @@ def _is_duplicate(one: LiveTrack, other: LiveTrack) -> bool:
         return False
     if (other.hits, -other.steps[0].time_s, -other.family) < (one.hits, -one.steps[0].time_s, -one.family):
         return False
-    a, b = one.state, other.state
-    near = (
-        abs(a.range_m - b.range_m) < DUPLICATE_RANGE_M and abs(a.velocity_mps - b.velocity_mps) < DUPLICATE_VELOCITY_MPS
-    )
-    return near and one.steps[-1].outcome != MEASURED
+    if one.steps[-1].outcome == MEASURED or abs(one.state.range_m - other.state.range_m) >= DUPLICATE_RANGE_M:
+        return False
+    return abs(one.state.velocity_mps - other.state.velocity_mps) < DUPLICATE_VELOCITY_MPS
+
+
+MAX_EVENTS = 20_000
+"""Largest number of joint events that is enumerated; a cluster with more events uses its best assignment."""
+
+
+class Associations(NamedTuple):
+    """Assignment and association weights of one scan. Shapes: assigned (T,); weights (T, D + 1)."""
+
+    assigned: npt.NDArray[np.int64]
+    weights: FloatArray
+
+
+def compute_gate_threshold(probability: float) -> float:
+    """Compute a gate threshold, the chi-square quantile -2 ln(1 - P)."""
+    return -2.0 * math.log1p(-probability)
+
+
+def associate(
+    log_likelihood: FloatArray,
+    *,
+    detection_probability: float,
+    gate_probability: float,
+    clutter_density: float,
+    association: str = "auto",
+) -> Associations:
+    """Assign the detections of one scan to tracks. Shapes: log_likelihood (T, D)."""
+    tracks, detections = log_likelihood.shape
+    assigned = np.full(tracks, -1, dtype=np.int64)
+    weights = np.zeros((tracks, detections + 1))
+    weights[:, -1] = 1.0
+    gain = log_likelihood + math.log(detection_probability / clutter_density)  # of a hit, against clutter
+    miss = math.log1p(-detection_probability * gate_probability)
+    for rows, columns in find_clusters(np.isfinite(gain)):
+        part = gain[np.ix_(rows, columns)]
+        chosen = find_best_assignment(part, miss)
+        assigned[rows] = [columns[c] if c >= 0 else -1 for c in chosen]
+        shared = len(rows) > 1
+        soft = association == "jpda" or (association == "auto" and shared)
+        most_events = float(np.prod(np.isfinite(part).sum(axis=1) + 1.0))
+        if soft and most_events <= MAX_EVENTS:
+            table = compute_joint_probabilities(part, miss)
+        else:
+            table = np.zeros((part.shape[0], part.shape[1] + 1))
+            table[range(len(chosen)), chosen] = 1.0  # -1 is the last column: none
+        weights[np.ix_(rows, [*columns, detections])] = table
+    return Associations(assigned, weights)
+
+
+def find_clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[int]]]:
+    """Find connected groups of tracks and detections, without lonely tracks."""
+    wanted = {t: {d for d, inside in enumerate(row) if inside} for t, row in enumerate(in_gate.tolist())}
+    found: list[tuple[list[int], list[int]]] = []
+    for track, own in wanted.items():
+        if not own:
+            continue
+        rows, columns, rest = [track], set(own), []
+        for group in found:  # every group that shares a detection with this track is merged with it
+            if columns.isdisjoint(group[1]):
+                rest.append(group)
+            else:
+                rows, columns = rows + group[0], columns.union(group[1])
+        found = [*rest, (sorted(rows), sorted(columns))]
+    return sorted(found)
+
+
+def find_best_assignment(gain: FloatArray, miss: float) -> list[int]:
+    """Find the assignment of the largest total gain, -1 for none (Hungarian method)."""
+    tracks, detections = gain.shape
+    if tracks == 1:
+        best = int(gain[0].argmax())
+        return [best if gain[0, best] > miss else -1]
+    from scipy.optimize import linear_sum_assignment
+
+    forbidden = np.full((tracks, tracks), -np.inf)
+    np.fill_diagonal(forbidden, miss)
+    padded = np.hstack([gain, forbidden])
+    # scipy rejects a matrix in which -inf excludes every assignment; the misses allow one
+    _, columns = linear_sum_assignment(padded, maximize=True)
+    return [int(c) if c < detections else -1 for c in columns]
+
+
+def compute_joint_probabilities(gain: FloatArray, miss: float) -> FloatArray:
+    """Compute marginal association probabilities over all joint events, (T, D + 1)."""
+    # Fortmann, Bar-Shalom and Scheffe 1983: in an event no detection has two tracks
+    tracks, detections = gain.shape
+    finite = gain[np.isfinite(gain)]
+    top = max(float(finite.max()), miss) if finite.size else miss  # avoids overflow
+    factors = np.hstack([exponential(gain - top), np.full((tracks, 1), math.exp(miss - top))])
+    table = np.zeros((tracks, detections + 1))
+
+    def extend(track: int, taken: tuple[int, ...], weight: float) -> None:
+        if track == tracks:
+            table[range(tracks), taken] += weight
+            return
+        for column in np.flatnonzero(factors[track]):
+            if column == detections or column not in taken:
+                extend(track + 1, (*taken, int(column)), weight * factors[track, column])
+
+    extend(0, (), 1.0)
+    return np.asarray(table / table.sum(axis=1, keepdims=True))

@@ -66,7 +66,7 @@ COHERENT = 0.4
 MOVING_DB = 15.0
 """Minimum power over the noise, dB, of motion in a window that is used for the I/Q image."""
 ONE_WAY = 0.5
-"""Minimum difference of approaching and receding power in such a window, relative to their sum (5 dB)."""
+"""Minimum difference of approaching and receding power in such a window over their sum (5 dB)."""
 
 
 L = TypeVar("L")
@@ -171,24 +171,25 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
     rest, taken = _remove_common_phase(samples, bad)
     windows = _split_windows(rest, window)
     good = ~_split_windows(bad, window).any(axis=1)
-    if good.sum() < MIN_WINDOWS:  # clipped nearly everywhere: a biased estimate is kept, with this reason
+    if good.sum() < MIN_WINDOWS:  # clipped nearly everywhere: a biased estimate, with this reason
         refused["noise"] = f"fewer than {MIN_WINDOWS} windows without clipped, blank or repeated samples"
         good = np.ones(len(windows), dtype=bool)
     f_hz, power, spectrum = compute_windowed_power(windows[good], recording.radar.prf_hz)
     power = power / np.maximum(1.0 - taken, 1.0 - MAX_LEVERAGE)
     upper = np.abs(f_hz) >= recording.radar.prf_hz / 4.0
     quiet = _find_quiet_windows(power, upper)
-    level_v2 = math.nan
     over_range = None
     correlation, correlation_sd = np.empty(0, dtype=complex), math.nan
+    echo_db = math.nan
     if quiet.sum() < MIN_WINDOWS:
         refused.setdefault("noise", "in the upper half of the Doppler band something moved nearly all of the time")
-    if "noise" not in refused:
+    if "noise" in refused:
+        refused["I/Q image"] = "the noise is not known"
+    else:
         calm = power[quiet][:, upper]
         (noise,) = _estimate_by_jackknife(
             lambda chosen: (power_to_db(_measure_bin_levels(calm[chosen])[0]),), int(quiet.sum())
         )
-        level_v2 = float(db_to_power(noise.value))
         estimates["noise_level_db"] = noise
         estimates |= _estimate_channel_noise(spectrum[quiet], f_hz, upper)
         if n_bins >= MIN_BINS:
@@ -201,11 +202,9 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
             correlation, correlation_sd = estimate_bin_correlation(cells.reshape(-1, cells.shape[2]), HANN_SHARE)
         else:
             refused["noise over range"] = refused["noise correlation"] = f"{n_bins} range bins; {MIN_BINS} are needed"
-    lines = _find_lines(rest, bad, recording, window)
-    echo_db = math.nan
-    fast = np.abs(f_hz) > SLOW_CELLS * recording.radar.prf_hz / window
-    moving = power[:, fast].sum(axis=1) / window
-    if np.isfinite(level_v2):
+        level_v2 = float(db_to_power(noise.value))
+        fast = np.abs(f_hz) > SLOW_CELLS * recording.radar.prf_hz / window
+        moving = power[:, fast].sum(axis=1) / window
         strongest_db = power_to_db(np.maximum(moving.max(axis=1), level_v2))
         if (busy := strongest_db > power_to_db(level_v2) + MOVING_DB).sum() >= MIN_WINDOWS:
             every = compute_windowed_power(windows, recording.radar.prf_hz)[1]
@@ -213,8 +212,6 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
             estimates |= _estimate_image(spectrum[busy], moving[busy], f_hz, refused)
         else:
             refused["I/Q image"] = "nothing moved fast and strongly enough to show an image"
-    else:
-        refused["I/Q image"] = "the noise is not known"
     if n_bins < MIN_BINS:
         estimates |= _estimate_constant(_split_windows(samples, window).reshape(len(windows), -1), step_v)
     if room is not None:
@@ -245,7 +242,7 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
         over_range=over_range,
         correlation=correlation,
         correlation_sd=correlation_sd,
-        lines=lines,
+        lines=_find_lines(rest, bad, recording, window),
         full_scale_v=full_scale_v,
         step_v=step_v,
         clipped=float(at_limit.mean()),

@@ -124,7 +124,8 @@ def fit_gain(
     if "noise_level_db" not in pooled:
         return radar
     direct = pooled.get("direct_path_db")
-    by_gain = direct is not None and direct.count == len(same) and direct.spread_is_known
+    if direct is not None and not (direct.count == len(same) and direct.spread_is_known):
+        direct = None  # the gain of the units is not known
     channels = "noise_iq_gain_db" if is_noise_separate(pooled) else "iq_gain_db"
     quadrature_db = pooled[channels].mean.value if channels in pooled else 0.0
     added_db = DB_PER_NEPER * math.log((1.0 + 10.0 ** (quadrature_db / 10.0)) / 2.0)
@@ -143,10 +144,10 @@ def fit_gain(
             own, own_db, own_sd = one.recording.radar, 0.0, 0.0
             if radar_is_known:
                 own = radar.model_copy(update={"prf_hz": own.prf_hz})
-            if by_gain and direct is not None:
+            if direct is not None:
                 own_db = one.estimates["direct_path_db"].value - direct.mean.value
                 own_sd = one.estimates["direct_path_db"].sd
-            own = rescale_radar(own, gain_db)  # units differ in gain, but not in the step of a counter
+            own = rescale_radar(own, gain_db)  # units differ in gain, not in a counter's step
             own = own.model_copy(update={"receiver_gain_db": own.receiver_gain_db + own_db})
             slope = find_noise_slope(own)  # E-18, E-18b
             excess_db = level.value - added_db - float(power_to_db(noise_power_v2(own)))
@@ -164,7 +165,7 @@ def fit_gain(
         plausible_db = max(radar.noise_figure_db, MATTERS * (figure.spread if figure.spread_is_known else 0.0))
         gain_db = (figure.mean.value - plausible_db) * find_noise_slope(radar)
         figure = figures()
-    if by_gain and direct is not None:
+    if direct is not None:
         pooled["gain_db"] = direct
         # no level shows the difference between the mean gain of these units and that of their kind
         mean = Estimate(figure.mean.value, math.hypot(figure.mean.sd, direct.mean.sd))

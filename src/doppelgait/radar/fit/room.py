@@ -141,9 +141,9 @@ class SeriesFit:
 
 
 def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: float = 0.0) -> SeriesFit:
-    """Fit drift, random walk and white jitter to a series: the differences have the covariance q dt I + s^2 T, T
-    tridiagonal with 2 and -1; restricted likelihood (Patterson and Thompson, Biometrika 58, 1971, 545).
-    """
+    """Fit drift, random walk and white jitter to a series by restricted likelihood."""
+    # the differences have the covariance q dt I + s^2 T, T tridiagonal with 2 and -1
+    # (Patterson and Thompson, Biometrika 58, 1971, 545)
     from scipy.fft import dst
     from scipy.optimize import minimize
 
@@ -301,7 +301,7 @@ def estimate_noise_floor(static: StaticPart, quiet: Mask) -> NoiseFloor:
     used = by_bin[np.isfinite(by_bin)]
     weights = np.abs(correlation[1:]) ** 2
     independent = max(used.size / (1.0 + 2.0 * float(np.sum(weights))), 1.0)
-    degrees = len(steps) / 1.5  # differences of neighbouring frames share one: relative variance 1.5 / n
+    degrees = len(steps) / 1.5  # neighbouring differences share a frame: relative variance 1.5 / n
     middle = float(np.median(used)) / float(gamma.median(degrees) / degrees)
     spread = measure_scatter(used)
     least = float(np.sqrt(1.5 / len(steps))) * middle
@@ -310,9 +310,8 @@ def estimate_noise_floor(static: StaticPart, quiet: Mask) -> NoiseFloor:
 
 
 def estimate_bin_correlation(rows: ComplexArray, per_row: float) -> tuple[ComplexArray, float]:
-    """Estimate the noise correlation at a lag of l bins, and its uncertainty: a median over the bins, 0 from the first
-    insignificant lag on; ``per_row`` is the number of rows (I, N) per independent one.
-    """
+    """Estimate the noise correlation by lag and its uncertainty; ``per_row``: rows per independent one."""
+    # a median over the bins, 0 from the first insignificant lag on
     unit = rows / np.sqrt(np.maximum(np.mean(np.abs(rows) ** 2, axis=0), 1e-300))
     rho = np.ones(min(LAGS, rows.shape[1] - 1) + 1, dtype=complex)
     for lag in range(1, rho.size):
@@ -368,7 +367,6 @@ def fit_clutter_profile(
 class Leakage:
     """Strongest static echo nearby, and a constant over range."""
 
-    range_m: float
     level_db: Estimate
     constant_v: Estimate
 
@@ -381,18 +379,15 @@ BINS_PER_CELL = 2.0
 def estimate_leakage(echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float) -> Leakage:
     """Estimate direct path and constant of the static echo. Shapes: echo_v (N,); range_m (N,)."""
     near = range_m < NEAR_M
-    level, place = Estimate(-math.inf, math.inf), math.nan
-    if near.any():
-        strongest = int(np.argmax(np.abs(echo_v) * near))
-        power = float(np.abs(echo_v[strongest]) ** 2)
-        place = float(range_m[strongest])
-        if power > 0:
-            level = Estimate(DB_PER_NEPER * math.log(power), 2.0 * DB_PER_NEPER * math.sqrt(noise_power_v2 / 2 / power))
+    level = Estimate(-math.inf, math.inf)
+    power = float(np.max(np.abs(echo_v[near]), initial=0.0) ** 2)
+    if power > 0:
+        level = Estimate(DB_PER_NEPER * math.log(power), 2.0 * DB_PER_NEPER * math.sqrt(noise_power_v2 / 2 / power))
     far = echo_v[~near] if (~near).sum() >= 4 else echo_v
     weights = 1.0 / (np.abs(far - take_middle(far)) ** 2 + (float(np.median(np.abs(far) ** 2)) + np.finfo(float).tiny))
     constant = np.sum(weights * far) / np.sum(weights)
     scatter = float(np.sqrt(np.sum(weights**2 * np.abs(far - constant) ** 2) * BINS_PER_CELL) / np.sum(weights))
-    return Leakage(place, level, Estimate(float(abs(constant)), scatter))
+    return Leakage(level, Estimate(float(abs(constant)), scatter))
 
 
 MIN_FRAMES = 32
@@ -460,9 +455,9 @@ class Room:
 
 
 def fit_room(recording: Recording) -> Room:
-    """Fit y[i, n] = z_i c_n + w[i, n]: static echoes c, a complex factor z per frame (phase and gain), and white
-    noise w (E-18), which neighbouring bins may share. Targets, interference and dropped frames are left out first.
-    """
+    """Fit static echoes, phase and gain of every frame, and noise, without targets and faulty frames."""
+    # y[i, n] = z_i c_n + w[i, n]: static echoes c, a complex factor z per frame (phase and gain), and white noise w
+    # (E-18), which neighbouring bins may share
     time_s, range_m = (np.asarray(x, dtype=np.float64) for x in (recording.slow_time_s, recording.range_m))
     samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
     if range_m.size < MIN_BINS:

@@ -34,11 +34,8 @@ class Apply(Protocol):
         """Return the receiver samples (pulse, sample), V, after the impairment."""
 
 
-class ShiftTimes(Protocol):
-    """Fact ``shift_times`` of an impairment that moves pulses, before the scene is observed."""
-
-    def __call__(self, times_s: Times, parameters: Any, radar: Radar, rng: np.random.Generator, /) -> Times:
-        """Return the times of the pulses, s, after the impairment."""
+ShiftTimes = Callable[[Times, Any, Radar, np.random.Generator], Times]
+"""Fact ``shift_times`` of an impairment that moves pulses, before the scene is observed."""
 
 
 IMPAIRMENTS: Group[Apply] = Group(

@@ -353,7 +353,7 @@ def read_a111(
     conjugate: bool = True,
     full_scale_v: Positive = 1.0,
 ) -> Recording:
-    """Read the IQ or the sparse service of an A111 sensor; the sparse one is real and has no direction."""
+    """Read the IQ or sparse service of an A111 sensor; the sparse one is real and has no direction."""
     try:
         with open_hdf5(path) as file:
             mode = _read_text(file["mode"]).lower()

@@ -29,6 +29,7 @@ from doppelgait.core.plugins import plugin, read_head
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray, slow_time_axis_s
 from doppelgait.radar.measured import (
     RATE_OFF,
+    check_carrier,
     check_number,
     check_shape,
     choose_number,
@@ -102,9 +103,11 @@ def _describe(
     if facts.radar is not None:
         table = dict(facts.radar)
         try:
-            if "preset" in table:
-                table = change_preset(str(table.pop("preset")), table)
+            preset = table.pop("preset", None)
+            table = table if preset is None else change_preset(str(preset), table)
             stated = validate(Radar, table, where="radar")
+            if preset is not None:
+                check_carrier(str(preset), stated, facts.carrier_hz)
         except ConfigError as error:
             raise RecordingError(f"{path}: {error}") from None
     axes = parsed.axes
@@ -215,23 +218,20 @@ def sniff_arrays(path: Path, head: bytes) -> bool:
 
 @dataclass(frozen=True)
 class Parsed:
-    """Values of a file, its axes, the facts that it states, notes, and reasons why a fact is not
-    stated. ``is_timed``: the axis of times has the rate of the options.
-    """
+    """Values of a file, its axes, the facts that it states, and notes."""
 
     values: npt.NDArray[Any]
     axes: Arrays = field(default_factory=dict)
     stated: Mapping[str, Any] = field(default_factory=dict)
     notes: Sequence[str] = ()
-    hints: Mapping[str, str] = field(default_factory=dict)
-    is_timed: bool = False
+    hints: Mapping[str, str] = field(default_factory=dict)  # reasons why a fact is not stated
+    is_timed: bool = False  # the axis of times has the rate of the options
 
 
 def array_reader(name: str, **facts: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Register the reader of a format without a radar's facts: options and a TOML file of the same stem state them.
-    ``parse`` gets the options that it names, all with ``**options``; it may also return a finished recording.
-    """
+    """Register the reader of a format without a radar's facts, which options and a TOML file state."""
 
+    # ``parse`` gets the options that it names, all with ``**options``; it may also return a finished recording
     def register(parse: Callable[..., Parsed | Recording]) -> Callable[..., Parsed | Recording]:
         own = inspect.signature(parse, eval_str=True)
         first, *declared = own.parameters.values()
@@ -354,7 +354,7 @@ def join_parts(i: npt.NDArray[Any], q: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def list_facts(recording: Recording) -> dict[str, Any]:
-    """Return the facts that a file of a recording's values states, without those that are not known."""
+    """Return the facts that a file of a recording's values states, without unknown ones."""
     facts: dict[str, Any] = {"notes": [*recording.notes], "seed": recording.seed}
     facts |= {"noise_power_v2": recording.noise_power_v2, "snr_frame_db": recording.snr_frame_db}
     return {name: value for name, value in facts.items() if value is not None and value == value}  # not NaN

@@ -30,7 +30,7 @@ from doppelgait.radar.recording import Recording
 HEADER_BYTES = 128
 MATRIX_ELEMENT, COMPRESSED_ELEMENT = 14, 15
 CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
-"""NumPy types by class of numeric matrix; cells, structures, text and sparse matrices are not read."""
+"""NumPy types by class of matrix; cells, structures, text and sparse matrices are not read."""
 STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """NumPy types by type of data element; small integers may be stored in a shorter type than their class."""
 COMPLEX_FLAG = 0x0800
@@ -38,9 +38,18 @@ FRONT_BYTES = 4096
 """Number of bytes that contain the flags, shape and name of a matrix."""
 
 
+class Held(NamedTuple):
+    """Variable of a file: shape, whether it is complex (None for text, cells, ...), and how to load it."""
+
+    shape: tuple[int, ...]
+    is_complex: bool | None
+    load: Callable[[], npt.NDArray[Any]]
+    packed_bytes: int = 0
+
+
 @dataclass(frozen=True)
 class Variable:
-    """A variable of the file, not loaded."""
+    """A variable of versions 5 to 7, not loaded."""
 
     name: str
     shape: tuple[int, ...]
@@ -53,7 +62,7 @@ class Variable:
     order: str
 
 
-def list_variables(path: Path, *, max_bytes: int) -> dict[str, Variable]:
+def list_variables(path: Path, *, max_bytes: int) -> dict[str, Held]:
     """List the variables of a file by name. The file is read, but no variable is unpacked."""
     if path.stat().st_size > max_bytes:
         raise ValueError(f"the file has {path.stat().st_size:,} bytes; up to {max_bytes:,} are read")
@@ -61,7 +70,7 @@ def list_variables(path: Path, *, max_bytes: int) -> dict[str, Variable]:
     marks = {b"IM": "<", b"MI": ">"}
     if len(content) < HEADER_BYTES or (mark := bytes(content[126:128])) not in marks:
         raise ValueError("the header of 128 bytes is incomplete")
-    found: dict[str, Variable] = {}
+    found: dict[str, Held] = {}
     at = HEADER_BYTES
     while at < len(content):
         kind, n_bytes = _unpack(content, at, f"{marks[mark]}II")
@@ -89,7 +98,8 @@ def list_variables(path: Path, *, max_bytes: int) -> dict[str, Variable]:
         variable = Variable(
             text, shape, word & 0xFF, bool(word & COMPLEX_FLAG), body, is_packed, whole_bytes + start, data_at, order
         )
-        found[variable.name] = variable
+        is_complex = variable.is_complex if variable.kind in CLASSES else None
+        found[text] = Held(shape, is_complex, partial(_load_variable, variable), variable.n_bytes)
         at += 8 + n_bytes
     return found
 
@@ -113,7 +123,7 @@ def _read_element(content: bytes, at: int, order: str) -> tuple[bytes, int]:
     return content[start : start + n_bytes], after
 
 
-def load_variable(variable: Variable) -> npt.NDArray[Any]:
+def _load_variable(variable: Variable) -> npt.NDArray[Any]:
     """Load a numeric variable in its class's type."""
     if variable.kind not in CLASSES:
         raise ValueError(f"{variable.name} is of class {variable.kind}, which holds no plain numbers")
@@ -157,15 +167,6 @@ SMALLEST = 1e-6
 CARRIER_HZ = 7.29e9
 
 
-class Held(NamedTuple):
-    """Variable of a file: its shape, whether it is complex (None for text, cells and the like), and how to load it."""
-
-    shape: tuple[int, ...]
-    is_complex: bool | None
-    load: Callable[[], npt.NDArray[Any]]
-    packed_bytes: int = 0
-
-
 def list_matrices(path: Path) -> list[dict[str, Any]]:
     """List a file's frame matrices as reader options; none of a damaged file."""
     try:
@@ -186,13 +187,7 @@ def _list_held(path: Path) -> dict[str, Held]:
                 for name, one in sets.items()
             }
     if head in HEADERS:
-        listed = list_variables(path, max_bytes=8 * MAX_VALUES)
-        return {
-            name: Held(
-                one.shape, one.is_complex if one.kind in CLASSES else None, partial(load_variable, one), one.n_bytes
-            )
-            for name, one in listed.items()
-        }
+        return list_variables(path, max_bytes=8 * MAX_VALUES)
     from scipy.io import loadmat
 
     check_cost(path, 8 * path.stat().st_size, RecordingError)
@@ -265,12 +260,11 @@ def parse_matlab(
 
     facts = {"carrier_hz": carrier_hz, "prf_hz": rate_hz}
     facts |= {"range_start_m": start_m, "bin_spacing_m": spacing_m}
-    values, range_m = downconvert.convert_rf_frames(path, frames, facts, filter)
-    volts, made, notes = downconvert.scale_by_preset(path, values, range_m, facts, radar)
+    volts, range_m, made, notes = downconvert.convert_rf_frames(path, frames, facts, filter, radar)
     return label_measured(
         path,
         volts,
-        radar=downconvert.change_filter_noise(made, filter),
+        radar=made,
         slow_time_s=slow_time_axis_s(len(volts), rate_hz),
         range_m=range_m,
         notes=[

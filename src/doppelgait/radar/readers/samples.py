@@ -20,7 +20,7 @@ from doppelgait.radar.measured import choose_number, split_rows
 from doppelgait.radar.readers.arrays import NAMES, Parsed, array_reader, read_facts
 
 AUDIO_HZ = 4000.0
-"""Rate above which a note names ``decimate``: the Doppler shift of a runner at 24 GHz is below 1500 Hz."""
+"""Rate above which a note names ``decimate``: the Doppler of a runner at 24 GHz is below 1500 Hz."""
 DATATYPE = re.compile(r"([cr])([isuf])(8|16|32|64)(_le|_be)?")
 SUFFIXES = {suffix: kind for kind, suffixes in NAMES["raw"].items() for suffix in suffixes}
 """Data types by suffix; those below leave it open."""
@@ -106,7 +106,7 @@ def decode_samples(path: Path, content: bytes, number: np.dtype[Any], *, n_parts
     by_name=(*SUFFIXES, *OPEN_SUFFIXES),
 )
 def parse_raw(path: Path, *, dtype: str | None = None, samples_per_pulse: PulseSamples = 1) -> Parsed:
-    """Read interleaved I and Q without a header; the suffix or ``dtype`` names the type of the numbers."""
+    """Read interleaved I and Q without a header; suffix or ``dtype`` names the type of the numbers."""
     name = SUFFIXES.get(path.suffix.lower()) if dtype is None else dtype
     if name is None:
         raise RecordingError(

@@ -155,7 +155,7 @@ HEAD = {
 }
 MAX_SWEEPS_BYTES = 2**29
 VOLTS_PER_CODE = 1.0 / 4096
-"""Volts per converter step; the middle code 2048 indicates 12 bits, and a full scale of 1 V is assumed."""
+"""Volts per converter step: 12 bits by the middle code 2048, and an assumed full scale of 1 V."""
 
 
 def sniff_glasgow(path: Path, head: bytes) -> bool:

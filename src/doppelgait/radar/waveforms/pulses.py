@@ -73,20 +73,13 @@ class Impulse(Waveform):
 
     def synthesise(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Sum Gaussian echoes exactly, with an extra phase per path."""
-        range_m, amplitude_v, phase_rad = compute_echoes(scatterers, radar)
-        out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
-        native.add_echoes(range_m, amplitude_v, *_make_geometry(radar), out, phase_rad)
-        return out
+        return _sum_echoes(scatterers, radar).matrix
 
     def synthesise_planes(self, scatterers: AnyTable, radar: Radar) -> Samples:
         """Sum Gaussian echoes in the layout of the kernel."""
         if type(self).synthesise is not Impulse.synthesise:  # a subclass with samples of its own
             return super().synthesise_planes(scatterers, radar)
-        range_m, amplitude_v, phase_rad = compute_echoes(scatterers, radar)
-        n_pulses = range_m.shape[0]
-        planes = borrow_planes((2, radar.n_range_bins, -(-n_pulses // ROW_MULTIPLE) * ROW_MULTIPLE))
-        native.echo_planes(range_m, amplitude_v, *_make_geometry(radar), 0, 0, planes[0], planes[1], phase_rad)
-        return Samples.from_planes(planes, n_pulses)
+        return _sum_echoes(scatterers, radar)
 
     def resolution_m(self, radar: Radar) -> float:
         """Return the half-power width of one echo, c sqrt(ln 2) tau (E-11)."""
@@ -105,10 +98,13 @@ class Impulse(Waveform):
         }
 
 
-def _make_geometry(radar: Radar) -> tuple[float, float, float, float, float]:
-    """Return the pulse geometry for the kernels."""
-    sigma_m = radar.sigma_s * SPEED_OF_LIGHT_MPS / 2.0
-    return radar.range_start_m, radar.bin_spacing_m, sigma_m, radar.wavelength_m, radar.transmit_phase_rad
+def _sum_echoes(scatterers: AnyTable, radar: Radar) -> Samples:
+    range_m, amplitude_v, phase_rad = compute_echoes(scatterers, radar)
+    n_pulses, sigma_m = range_m.shape[0], radar.sigma_s * SPEED_OF_LIGHT_MPS / 2.0
+    geometry = radar.range_start_m, radar.bin_spacing_m, sigma_m, radar.wavelength_m, radar.transmit_phase_rad
+    planes = borrow_planes((2, radar.n_range_bins, -(-n_pulses // ROW_MULTIPLE) * ROW_MULTIPLE))
+    native.echo_planes(range_m, amplitude_v, *geometry, planes[0], planes[1], phase_rad)
+    return Samples.from_planes(planes, n_pulses)
 
 
 class _MatchedPulse(Waveform):
@@ -132,10 +128,10 @@ class _MatchedPulse(Waveform):
         delay = range_to_delay_s(range_m) / duration_s
         time_bandwidth = _time_bandwidth(radar)
         out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
-        echoes, n_bins = (amplitude_v, turns, delay, doppler_hz * duration_s), out.shape[1]
-        is_tabled = time_bandwidth != 0.0 and n_bins * step <= LONGEST_FRAME
-        table = tabulate(n_bins, step, time_bandwidth) if is_tabled else np.empty((0, 0), dtype=np.float32)
-        native.add_responses(*echoes, first, step, time_bandwidth, DOPPLER_ERROR * time_bandwidth, table, out)
+        echoes = amplitude_v, turns, delay, doppler_hz * duration_s
+        is_tabled = time_bandwidth != 0.0 and out.shape[1] * step <= LONGEST_FRAME
+        table = tabulate(out.shape[1], step, time_bandwidth) if is_tabled else None
+        native.add_responses(*echoes, first, step, time_bandwidth, DOPPLER_ERROR * time_bandwidth, out, table)
         return out
 
     def reach_m(self, radar: Radar) -> float:
@@ -265,9 +261,7 @@ class Cw(Waveform):
         """Return the span of the frame."""
         return radar.range_stop_m - radar.range_start_m
 
-    def resolution_m(self, radar: Radar) -> float:
-        """Return the span of the frame."""
-        return self.bin_spacing_m(radar)
+    resolution_m = bin_spacing_m
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
         """Return the noise bandwidth of a sample, 1 / T_i for a mean over T_i."""

@@ -99,10 +99,9 @@ class _Sweep(Waveform):
         return out
 
     def synthesise_bins(self, scatterers: AnyTable, radar: Radar) -> Matrix:
-        """Synthesise range bins without the samples, to 1e-6 of the sum of all amplitudes.
-        This is a non-uniform Fourier transform of type 1 (Fessler and Sutton, IEEE Trans. Signal
-        Processing 51(2), 2003) with a Kaiser-Bessel window over TAPS half bins.
-        """
+        """Synthesise range bins without the samples, to 1e-6 of the sum of all amplitudes."""
+        # a non-uniform Fourier transform of type 1 (Fessler and Sutton, IEEE Trans. Signal Processing 51(2), 2003)
+        # with a Kaiser-Bessel window over TAPS half bins
         own = type(self).synthesise is _Sweep.synthesise and type(self).compress is _Sweep.compress
         size, n_bins = self.n_samples(radar), self.n_range_bins(radar)
         if not own or size + n_bins > LONGEST_RESPONSE:

@@ -18,7 +18,7 @@ from doppelgait.radar.measured import check_number, label_measured
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.slow_time import measure_clock_rate_hz
-from doppelgait.radar.xethru.downconvert import FrameFilter, change_filter_noise, convert_rf_frames, scale_by_preset
+from doppelgait.radar.xethru.downconvert import FrameFilter, convert_rf_frames, scale_by_preset
 from doppelgait.radar.xethru.reader import read_xethru, sniff_xethru
 from doppelgait.radar.xethru.records import TABLES
 
@@ -26,7 +26,7 @@ Kind = Literal["baseband", "rf"]
 Order = Literal["separate", "interleaved"]
 COUNTER_PERIOD = 2**32
 LARGEST_GAP = 1_000_000
-"""Maximum gap of the frame counter; after a larger jump it was restarted or is damaged, and is ignored."""
+"""Maximum gap of the frame counter; after a larger jump it is a restarted or damaged one, and ignored."""
 
 
 def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> npt.NDArray[np.int64]:
@@ -59,7 +59,6 @@ class Records:
     path: Path
     name: str
     records: npt.NDArray[np.void]
-    time_ms: npt.NDArray[np.int64]
     options: Mapping[str, float | None]
     notes: list[str] = field(default_factory=list)
 
@@ -158,20 +157,14 @@ def read_xethru_recording(
     count = int(records["count"][0])
     if count < 1 or len(records) < 2:
         raise RecordingError(f"{file}: holds {len(records)} frames of {count} bins; a recording has at least 2 by 1")
-    source = Records(file, name, records, content.streams[name].time_ms, options)
+    source = Records(file, name, records, options)
     numbers = derive_frame_numbers(source.counters)
-    rate_hz = measure_clock_rate_hz(1e-3 * source.time_ms, numbers)
+    rate_hz = measure_clock_rate_hz(1e-3 * content.streams[name].time_ms, numbers)
     volts, made, range_m = convert_records(
         source, rate_hz=rate_hz, radar=radar, kind=kind, iq=iq, conjugate=conjugate, filter=filter
     )
-    return label_measured(
-        source.path,
-        volts,
-        radar=made,
-        slow_time_s=numbers / made.prf_hz,
-        range_m=range_m,
-        notes=source.notes,
-    )
+    slow_time_s = numbers / made.prf_hz
+    return label_measured(file, volts, radar=made, slow_time_s=slow_time_s, range_m=range_m, notes=source.notes)
 
 
 def convert_records(
@@ -201,14 +194,14 @@ def convert_records(
             facts[option] = check_number(source.path, option, value, **OPTIONS[option]["limits"])
     _refuse_missing(source, [option for option in needed if option not in facts])
     if is_rf:
-        values, range_m = _from_rf(source, facts, filter)
+        frames, sample_rate_hz = _read_rf(source, filter)
+        volts, range_m, made, notes = convert_rf_frames(source.path, frames, facts, filter, radar, sample_rate_hz)
     else:
         values = _decode(source, iq)
         range_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(values.shape[1], dtype=np.float64)
-    values = np.conj(values) if conjugate else values
-    volts, made, notes = scale_by_preset(source.path, values, range_m, facts, radar)
+        volts, made, notes = scale_by_preset(source.path, values, range_m, facts, radar)
     source.notes.extend(notes)
-    return volts, change_filter_noise(made, filter) if is_rf else made, range_m
+    return np.conj(volts) if conjugate else volts, made, range_m
 
 
 def _refuse_missing(source: Records, missing: list[str]) -> None:
@@ -274,9 +267,8 @@ def encode(name: str, values: npt.NDArray[np.complex64]) -> dict[str, Any]:
     return {"scale": scale, "i": in_phase, "q": quadrature}
 
 
-def _from_rf(
-    source: Records, facts: Mapping[str, float], filter: FrameFilter
-) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
+def _read_rf(source: Records, filter: FrameFilter) -> tuple[npt.NDArray[np.floating], float | None]:
+    """Return the RF frames of records, and their sampling rate if it is stated."""
     if source.name == "radar_rf":
         steps = source.options["counts_per_unit"]
         if steps is None:
@@ -288,7 +280,7 @@ def _from_rf(
     else:
         frames = source.records["values"].astype(float)
     source.notes.append(f"real RF samples, down-converted on reading with the {filter} filter")
-    rate_hz, name = None, "sample_rate_hz"
-    if name in (source.records.dtype.names or ()):
-        rate_hz = check_number(source.path, name, _read_constant(source, name), above=0.0)
-    return convert_rf_frames(source.path, frames, facts, filter, sample_rate_hz=rate_hz)
+    name = "sample_rate_hz"
+    if name not in (source.records.dtype.names or ()):
+        return frames, None
+    return frames, check_number(source.path, name, _read_constant(source, name), above=0.0)

@@ -127,7 +127,7 @@ def down_convert_frames(
     mixer = np.exp(-2j * np.pi * np.mod(cycles, 1.0))
     # filter only at the starts that are kept
     result = np.empty((samples.shape[0], starts.size), dtype=np.complex64)
-    pair = np.stack([taps.real, taps.imag], axis=1)  # real products need half the operations and use BLAS
+    pair = np.stack([taps.real, taps.imag], axis=1)  # real products: half the operations, and BLAS
     step = max(1, CHUNK_SAMPLES // (starts.size * taps.size))
     for first in range(0, samples.shape[0], step):
         rows = np.asarray(samples[first : first + step], dtype=float)
@@ -145,7 +145,7 @@ def compute_chip_gain(carrier_hz: float, sample_rate_hz: float, filter: FrameFil
     return _compute_gain(CHIP_CARRIER[band], "chip") / _compute_gain(CHIP_CARRIER[band], filter)
 
 
-def change_filter_noise(radar: Radar, filter: FrameFilter) -> Radar:
+def _change_filter_noise(radar: Radar, filter: FrameFilter) -> Radar:
     """Return a chip's radar with another filter's response to white RF noise (E-18c)."""
     if filter == "chip" or not radar.noise_correlation:
         return radar
@@ -197,9 +197,10 @@ def convert_rf_frames(
     frames: npt.NDArray[np.floating],
     facts: Mapping[str, float],
     filter: FrameFilter,
+    preset: str,
     sample_rate_hz: float | None = None,
-) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
-    """Down-convert a file's frames to the unit of the chip's baseband; also return ranges."""
+) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64], Radar, list[str]]:
+    """Down-convert a file's frames to volts; also return ranges, radar and notes."""
     rate_hz = sample_rate_hz or DRIVER_SPEED_OF_LIGHT_MPS / (2.0 * facts["bin_spacing_m"])
     try:
         values, range_m = down_convert_frames(
@@ -212,7 +213,9 @@ def convert_rf_frames(
         )
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from None
-    return np.float32(compute_chip_gain(facts["carrier_hz"], rate_hz, filter)) * values, range_m
+    values = np.float32(compute_chip_gain(facts["carrier_hz"], rate_hz, filter)) * values
+    volts, radar, notes = scale_by_preset(path, values, range_m, facts, preset)
+    return volts, range_m, _change_filter_noise(radar, filter), notes
 
 
 def scale_by_preset(

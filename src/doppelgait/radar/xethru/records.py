@@ -308,7 +308,7 @@ def parse_records(content: bytes | memoryview, kind: DataType) -> tuple[list[npt
         whole, same = (len(content) - offset) // size, 1
         if not whole:
             break
-        while same < whole:  # twice as many records each time, so that changing sizes take linear time
+        while same < whole:  # twice as many each time, so that changing sizes take linear time
             ahead = min(2 * same, whole) - same
             at = offset + same * size + count_at
             different = np.flatnonzero(np.ndarray(ahead, "<u4", content, at, (size,)) != count)

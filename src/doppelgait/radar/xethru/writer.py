@@ -152,7 +152,7 @@ def _write_files(
 
 RF_FRAMES = ("radar_rf", "radar_rf_normalized")
 SWEEP_CODES = 152
-"""Number of thresholds of the sweep (949 to 1100) of written counters; one unit is 1024 thresholds."""
+"""Thresholds of the sweep (949 to 1100) of written counters; one unit is 1024 thresholds."""
 CHUNK_FRAMES = 1024
 
 

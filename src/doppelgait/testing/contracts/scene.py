@@ -183,7 +183,7 @@ def _check_same_motion(name: str, one: Any, other: Any, when: str = "the second 
 
 
 def check_rcs(parameters: Any) -> None:
-    """Check the contract of a radar cross section, :class:`doppelgait.scene.scatterers.RcsKind`.
+    """Check the contract of a radar cross section, :class:`doppelgait.scene.rcs.RcsKind`.
 
     ``parameters``, for example ``{"kind": "bright_head", "share": 0.9}``, are tried on a walking
     person. An ``AssertionError`` names the broken rule: registration, round trip through TOML,
@@ -195,8 +195,7 @@ def check_rcs(parameters: Any) -> None:
     from doppelgait.motion import boulic_walk
     from doppelgait.scene import Scene, Target
     from doppelgait.scene.placement import place
-    from doppelgait.scene.rcs import RCS
-    from doppelgait.scene.scatterers import View
+    from doppelgait.scene.rcs import RCS, View
 
     target = Target({"kind": "boulic"}, rcs=parameters)
     spec, name = target.rcs, f"rcs {target.rcs.kind!r}"
