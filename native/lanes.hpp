@@ -86,7 +86,7 @@ inline Float in_register(Float value) {
   return value;
 }
 
-// A function of every lane: compilers make one instruction of it.
+// A function of every lane.
 template <typename V, typename Function>
 inline V map_lanes(V value, Function function) {
   for (std::size_t lane = 0; lane < sizeof value / sizeof value[0]; ++lane) value[lane] = function(value[lane]);
@@ -101,6 +101,13 @@ inline V fused(V a, V b, V c) {
 #else
   return a * b + c;
 #endif
+}
+
+// The nearest whole number, of two the even one.
+inline double round_even(double value) { return std::nearbyint(value); }
+template <typename V>
+inline V round_even(V value) {
+  return map_lanes(value, [](auto number) { return std::nearbyint(number); });
 }
 
 inline double square_root(double value) { return std::sqrt(value); }
@@ -148,6 +155,8 @@ inline Float fused(Float a, Float b, Float c) { return (Float)_mm512_fmadd_ps((_
 inline Double fused(Double a, Double b, Double c) {
   return (Double)_mm512_fmadd_pd((__m512d)a, (__m512d)b, (__m512d)c);
 }
+inline Float round_even(Float value) { return (Float)_mm512_roundscale_ps((__m512)value, 8); }
+inline Double round_even(Double value) { return (Double)_mm512_roundscale_pd((__m512d)value, 8); }
 inline Float square_root(Float value) { return (Float)_mm512_sqrt_ps((__m512)value); }
 inline Double square_root(Double value) { return (Double)_mm512_sqrt_pd((__m512d)value); }
 inline Double load_double(const float* from) { return (Double)_mm512_cvtps_pd(_mm256_loadu_ps(from)); }
@@ -159,6 +168,8 @@ inline Float fused(Float a, Float b, Float c) { return (Float)_mm256_fmadd_ps((_
 inline Double fused(Double a, Double b, Double c) {
   return (Double)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c);
 }
+inline Float round_even(Float value) { return (Float)_mm256_round_ps((__m256)value, 8); }
+inline Double round_even(Double value) { return (Double)_mm256_round_pd((__m256d)value, 8); }
 inline Float square_root(Float value) { return (Float)_mm256_sqrt_ps((__m256)value); }
 inline Double square_root(Double value) { return (Double)_mm256_sqrt_pd((__m256d)value); }
 inline Double load_double(const float* from) { return (Double)_mm256_cvtps_pd(_mm_loadu_ps(from)); }
@@ -166,7 +177,9 @@ inline bool any(Mask mask) { return _mm256_movemask_pd((__m256d)mask) != 0; }
 inline Long multiply_words(Long a, std::uint32_t b) {
   return (Long)_mm256_mul_epu32((__m256i)a, _mm256_set1_epi64x(b));
 }
-#elif defined(__x86_64__)
+#elif defined(__SSE4_1__)
+inline Float round_even(Float value) { return (Float)_mm_round_ps((__m128)value, 8); }
+inline Double round_even(Double value) { return (Double)_mm_round_pd((__m128d)value, 8); }
 inline Float square_root(Float value) { return (Float)_mm_sqrt_ps((__m128)value); }
 inline Double square_root(Double value) { return (Double)_mm_sqrt_pd((__m128d)value); }
 #elif defined(__aarch64__)
@@ -184,13 +197,6 @@ inline Float fused(Float a, float b, float c) { return fused(a, spread(b), sprea
 inline Double fused(Double a, Double b, double c) { return fused(a, b, spread(c)); }
 inline Double fused(Double a, double b, Double c) { return fused(a, spread(b), c); }
 inline Double fused(Double a, double b, double c) { return fused(a, spread(b), spread(c)); }
-
-// The nearest whole number, of two the even one.
-inline double round_even(double value) { return std::nearbyint(value); }
-template <typename V>
-inline V round_even(V value) {
-  return map_lanes(value, [](auto number) { return std::nearbyint(number); });
-}
 
 template <typename V>
 inline V round_down(V value) {

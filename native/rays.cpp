@@ -101,7 +101,7 @@ void values_between(Frames values, Frames moments, double step, Line<const doubl
 
 // Points (P,) at one time, relative to the radar: their places in x, y and z and their velocities.
 template <typename V>
-void look(const Frame& frame, const double* origin, Index point, V (&r)[3], V (&v)[3]) {
+inline void look(const Frame& frame, const double* origin, Index point, V (&r)[3], V (&v)[3]) {
   V value[3], slope[3];  // coordinates in turn
   for (Index j = 0; j < 3; ++j) {
     const Index c = 3 * point + j * static_cast<Index>(sizeof(V) / sizeof(double));

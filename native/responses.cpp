@@ -29,7 +29,7 @@ struct Pulses {
 };
 
 // Adds (1 - |x|) exp(j pi d x) sinc((d + b x)(1 - |x|)) for |x| < 1.
-void add_response(const Pulses& pulses, Index pulse, Index scatterer, Sums<double>& total) {
+[[gnu::noinline]] void add_response(const Pulses& pulses, Index pulse, Index scatterer, Sums<double>& total) {
   const double delta = pulses.doppler[pulse][scatterer], start = pulses.first - pulses.delay[pulse][scatterer];
   const auto limit = [&](double n) { return static_cast<Index>(std::min(std::max(n, 0.0), double(pulses.out.width))); };
   const Index lowest = limit(std::floor((-1.0 - start) / pulses.step) + 1.0);
