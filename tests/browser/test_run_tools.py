@@ -390,6 +390,11 @@ def test_two_recordings_are_compared_on_one_time_line(page: Any, walk: Path, ser
         page.click("#save-table")
     rows = list(csv.DictReader(io.StringIO(Path(saved.value.path()).read_text("utf-8"))))
     assert {row["recording"] for row in rows} == {"walk.h5", "longer.h5"}
+    page.keyboard.press("n")
+    for x in (100, 200):
+        page.mouse.click(box["x"] + x, box["y"] + 30)
+    assert page.is_hidden("#annotations"), "a span of the second recording is one of the first"
+    page.keyboard.press("Escape")
     before = view.look(page, "other-signature")
     change(page, "cpi_s", "0.2")
     view.until(lambda: view.look(page, "other-signature") != before, "the second recording keeps another interval")
@@ -411,22 +416,31 @@ def test_a_zoom_is_computed_again_on_a_finer_grid(page: Any, url: str) -> None:
 def test_decisions_and_alarm_are_below_the_signature(page: Any, url: str) -> None:
     def mark(n: int) -> dict[str, Any]:
         decided = {"label": "human", "reason": ""} if n > 2 else {"label": None, "reason": "too low"}
-        return {"track": 0, "time_s": 0.4 * n, "evidence": 0.2 * n, "alarm": n > 3, **decided}
+        where = {"time_s": 0.4 * n, "range_m": 4.0 + 1.2 * (view.DURATION_S / 2 - 0.4 * n)}  # of the walker
+        return {"track": 7, "evidence": 0.2 * n, "alarm": n > 3, **where, **decided}
 
     def answer(route: Any) -> None:
         first = int(re.search(r"from=(\d+)", route.request.url).group(1))
         facts = {"shown_class": "human", "alarm_class": "human", "alarm_threshold": 0.7, "stop_s": 2.4}
-        route.fulfill(json={**facts, "marks": [*map(mark, range(6))][first:][:3], "complete": first > 0})
+        marks = [*map(mark, range(6)), {**mark(2), "track": 8, "range_m": 1.0}]
+        route.fulfill(json={**facts, "marks": marks[first:][:4], "complete": bool(changes)})
 
+    changes: list[str] = []
     page.route("**/api/decisions*", answer)
     view.opened(page, url)
+    change(page, "cpi_s", "0.2")  # the decisions go on, with the parameters of their model
+    view.until(lambda: "cpi_s" in view.address(page), "not changed")
+    page.wait_for_selector(view.READY)
+    changes.append("cpi_s")
     view.until(lambda: view.text(page, ".panel-evidence h2") == "Decisions: probability of human", "not complete")
     upper, lower = (page.locator(f"#canvas-{name}").bounding_box() for name in ("signature", "evidence"))
     assert (upper["x"], upper["width"]) == (lower["x"], lower["width"]), "not one time axis"
-    assert upper["y"] < lower["y"]
+    assert upper["y"] < lower["y"] < lower["y"] + lower["height"] - 150
+    keys = ["target 1", "track that is not listed", "○ undecided", "╌ alarm from 0.70", "│ alarm begins"]
+    assert page.locator(".keys > span").all_text_contents() == keys
     for n, said in ((2, "undecided: too low · human 0.400"), (5, "human · human 1.000 · alarm")):
         view.read_at(page, "evidence", 0.4 * n / view.DURATION_S, (0.2 * n + 0.08) / 1.16)
-        assert view.text(page, "#hover-evidence") == f"{0.4 * n:.2f} s · track 0 · {said}"
+        assert view.text(page, "#hover-evidence") == f"{0.4 * n:.2f} s · target 1 · {said}"
 
 
 def test_annotations_are_listed_saved_kept_and_deleted(page: Any, url: str) -> None:
@@ -438,7 +452,7 @@ def test_annotations_are_listed_saved_kept_and_deleted(page: Any, url: str) -> N
     page.mouse.click(at[0], box["y"] + 50)
     page.mouse.click(at[1], box["y"] + 90)  # the second point may be the earlier
     page.wait_for_selector("#annotations input:focus")
-    page.keyboard.type('comes, "waves"')
+    page.keyboard.type('=comes, "waves"')
     page.keyboard.press("Enter")
     page.click("#annotate")
     page.mouse.move(at[1], box["y"] + 60)
@@ -457,17 +471,25 @@ def test_annotations_are_listed_saved_kept_and_deleted(page: Any, url: str) -> N
         page.click("#annotations-json")
     assert saved.value.suggested_filename == "walk.h5.annotations.json"
     found = json.loads(Path(saved.value.path()).read_text("utf-8"))
-    assert [one["label"] for one in found] == ["", 'comes, "waves"']
+    assert [one["label"] for one in found] == ["", '=comes, "waves"']
     assert {one["file"] for one in found} == {"walk.h5"}
     assert [found[1]["start_s"], found[1]["stop_s"]] == pytest.approx([0.2 * 2.5, 0.6 * 2.5], abs=0.01)
     with page.expect_download() as saved:
         page.click("#annotations-csv")
-    with Path(saved.value.path()).open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = list(csv.DictReader(io.StringIO(Path(saved.value.path()).read_text("utf-8"))))
+    assert rows[1].pop("label") == "'" + found[1].pop("label")  # no formula of a spreadsheet
     assert [{**row, "start_s": float(row["start_s"]), "stop_s": float(row["stop_s"])} for row in rows] == found
     page.click("#annotations tbody tr >> nth=0 >> text=delete")
-    assert page.input_value("#annotations tbody input") == 'comes, "waves"'
+    assert page.input_value("#annotations tbody input") == '=comes, "waves"'
     page.click("#annotations tbody tr >> text=delete")
+    key = page.evaluate("Object.keys(localStorage).find((name) => name.includes('annotations'))")
+    assert page.evaluate("(key) => localStorage.getItem(key)", key) == "[]"
+    for kept, count in (("[1, null, {}]", 0), ('{"a": 1}', 0), ("{", 0), ('[{"start_s": 1, "stop_s": 2}]', 1)):
+        page.evaluate("(item) => localStorage.setItem(...item)", [key, kept])
+        page.reload()
+        page.wait_for_selector(view.READY)
+        assert (page.locator("#annotations tbody tr").count(), page.is_hidden("#error")) == (count, True), kept
+    view.altered(page, "recording", lambda facts, _: facts.update(content="another file of this name"))
     page.reload()
     page.wait_for_selector(view.READY)
     assert page.is_hidden("#annotations")

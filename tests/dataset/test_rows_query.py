@@ -21,7 +21,7 @@ INDEX = pd.DataFrame({
         "label == 'dog'", "range_m < 3", "1 < range_m <= 4", "label in ['dog', 'cat'] and range_m > 2",
         "label not in ('dog', 'cat')", "not (label == 'dog')", "~(row == 1) | (range_m > 3)", "-range_m < -2",
         "range_m * 2 + row / 2 - 1 > 5", "(label == 'dog') & (row > 1)", "range_m == range_m", "note != 'a'",
-        "row in [1, 3] or label == 'human'", "2 >= row", "not ((row < 2) & (range_m > 2))",
+        "row in [1, 3] or label == 'human'", "2 >= row", "not ((row < 2) & (range_m > 2))", "-row in [-1, 2]",
     ],
 )  # fmt: skip
 def test_a_query_marks_what_python_marks(query):

@@ -80,10 +80,7 @@ def bend(motion):
         (lambda: on_path(duration_s=9.5), r"boulic: lasts 9\.000 s on its path, but 9\.5 s are wanted; shorten"),
         (lambda: stop(LONG, 11.0), r"boulic: travels 10\.80 m, too short for a stop at 11\.00 m"),
         (lambda: on_path(pendulum(duration_s=3.0)), "a path needs a motion that travels"),
-        (
-            lambda: on_path(on_path(kind="arc", radius_m=2.0, turn_deg=120)),
-            "away from straight and even travel",
-        ),
+        (lambda: on_path(on_path(kind="arc", radius_m=2.0, turn_deg=120)), "away from straight and even travel"),
         (lambda: stop(quadruped_gait(gait="gallop", duration_s=4.0), 5.0), r"cannot stop.*not gallop"),
         (lambda: stop(moving_point(duration_s=5.0), 1.0), "cannot stop"),
         # times, sizes and variations

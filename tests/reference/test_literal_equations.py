@@ -30,10 +30,7 @@ def echoes_in_noise(n_pulses, n_bins, seed=3):
 
 
 def labelled(y):
-    coords = {
-        "slow_time": 0.3 + np.arange(y.shape[0]) / PRF_HZ,
-        "range": FIRST_M + SPACING_M * np.arange(y.shape[1]),
-    }
+    coords = {"slow_time": 0.3 + np.arange(y.shape[0]) / PRF_HZ, "range": FIRST_M + SPACING_M * np.arange(y.shape[1])}
     return make_array(BASEBAND, y, coords)
 
 

@@ -79,7 +79,7 @@ def read_at(page: Any, name: str, x: float, y: float) -> tuple[dict[str, float],
     box = page.locator(f"#canvas-{name}").bounding_box()
     width, height = (
         box["width"] - LEFT - RIGHT,
-        box["height"] - TOP - (10 if name in ("range-time", "cadence", "evidence") else 36),
+        box["height"] - TOP - (10 if name in ("range-time", "cadence") else 36),
     )
     at_x, at_y = round(x * width), round(y * height)
     page.mouse.move(box["x"] + LEFT + at_x, box["y"] + TOP + height - at_y)

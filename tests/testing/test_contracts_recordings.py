@@ -53,11 +53,7 @@ SNIFF = {"sniff": lambda path, head: head[:4] == b"WALK"}
     [
         (_read_safely, {}, None),
         (_read_walk, {}, r"damaged file \(half\) raises ValueError|damaged file \(noise\)|not a RecordingError"),
-        (
-            lambda path, prf_hz=100.0: _read_safely(path, prf_hz=prf_hz),
-            {},
-            r"are not keyword-only",
-        ),
+        (lambda path, prf_hz=100.0: _read_safely(path, prf_hz=prf_hz), {}, r"are not keyword-only"),
         (lambda path: _read_safely(path, prf_hz=float(next(RATES_HZ))), {}, "gives another recording"),
         (_read_safely, {"sniff": lambda path, head: False}, "recognised by no reader"),
         (_read_safely, {"sniff": lambda path, head: True}, "not its own"),

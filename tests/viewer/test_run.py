@@ -18,7 +18,6 @@ from doppelgait.radar import Radar, read_recording, write_recording
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.radar.recordings import StoredRows
 from doppelgait.viewer import panels
-from doppelgait.viewer import panels as panel
 from doppelgait.viewer.run import MOST_ANALYSES, Run, compute_true_values, find_true_values, make_view, match_truths
 from doppelgait.viewer.settings import Settings, parse_changes
 from doppelgait.viewer.source import RunCache, add_other, all_ranges_m, describe_session, open_path, parse_reference
@@ -46,11 +45,7 @@ def found(range_m, start_s=0.0, stop_s=9.99, gate="track"):
 
 def truths(bodies, results):
     """Truth of every result over its own times."""
-    recording = SimpleNamespace(
-        slow_time_s=TIMES_S,
-        radar=SimpleNamespace(wavelength_m=WAVELENGTH_M),
-        truth=bodies,
-    )
+    recording = SimpleNamespace(slow_time_s=TIMES_S, radar=SimpleNamespace(wavelength_m=WAVELENGTH_M), truth=bodies)
     spans = [(one.quality["start_s"], one.quality["stop_s"]) for one in results]
     matched = zip(match_truths(recording, results), results, spans, strict=True)
     return [find_true_values(recording, truth, result, span) for truth, result, span in matched]
@@ -130,9 +125,9 @@ def test_each_segment_can_be_shown(run, recording):
     (result,) = analyze(recording, gate="track")
     assert len(result.segments) > 1
     times_s = recording.baseband["slow_time"].values
-    shown = unpack(panel.make_targets_payload(run, None))[0]["targets"][0]
+    shown = unpack(panels.make_targets_payload(run, None))[0]["targets"][0]
     for number, segment in enumerate(result.segments):
-        facts, _ = unpack(panel.make_targets_payload(run, None, segment=(0, number)))
+        facts, _ = unpack(panels.make_targets_payload(run, None, segment=(0, number)))
         target = facts["targets"][0]
         span = segment.quality["start_s"], segment.quality["stop_s"]
         assert target["segments"][number] == list(span)
@@ -154,7 +149,7 @@ def test_each_segment_can_be_shown(run, recording):
         assert (shown["segment"] == number) == longest
         assert (shown["features"] == target["features"]) == longest
     with pytest.raises(ConfigError, match=f"segments 0 to {len(result.segments) - 1}"):
-        panel.make_targets_payload(run, None, segment=(0, len(result.segments)))
+        panels.make_targets_payload(run, None, segment=(0, len(result.segments)))
 
 
 def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
@@ -162,9 +157,9 @@ def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
     (stored,) = read_results(tmp_path / "r.h5").targets
     view = make_view(stored)
     assert view.segment is not None
-    assert panel.is_aligned(stored, "standard") == bool(stored.cadence_map.attrs["aligned"])
+    assert panels.is_aligned(stored, "standard") == bool(stored.cadence_map.attrs["aligned"])
     for number, segment in enumerate(stored.segments):
-        (shown,) = panel.select_segment([view], 0, number)
+        (shown,) = panels.select_segment([view], 0, number)
         assert (shown.segment, shown.result.features) == (number, segment.features)
         assert shown.result.signature.identical(segment.signature)
 
@@ -172,7 +167,7 @@ def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
 def test_map_of_moved_columns_says_so(run):
     """The line of the walker drifts in the second segment, where he walks past the radar, and not in the first."""
     for number in range(2):
-        facts, arrays = unpack(panel.make_targets_payload(run, None, segment=(0, number)))
+        facts, arrays = unpack(panels.make_targets_payload(run, None, segment=(0, number)))
         target = facts["targets"][0]
         line_hz = arrays[target["main_lines"][number]["values"]]
         drifts = abs(line_hz[-1] - line_hz[0]) > 10.0
@@ -197,7 +192,7 @@ def test_bursts_last_until_the_last_one(recording):
     chosen = np.flatnonzero(np.arange(recording.n_pulses) % 64 < 16)
     baseband = recording.baseband.isel(slow_time=chosen)
     rest = recording.with_baseband(baseband, truth=())
-    facts, _ = unpack(panel.make_recording_payload(Run("bursts", "recording", load=lambda: rest), None))
+    facts, _ = unpack(panels.make_recording_payload(Run("bursts", "recording", load=lambda: rest), None))
     prf_hz, n_bursts = recording.radar.prf_hz, -(-recording.n_pulses // 64)
     assert facts["duration_s"] == pytest.approx((chosen[-1] + 1) / prf_hz)
     told = dict(facts["facts"])
@@ -206,31 +201,23 @@ def test_bursts_last_until_the_last_one(recording):
     assert "in bursts" in facts["no_sound"]
     with pytest.raises(AnalysisError, match="in bursts"):  # and nothing about a pitch that a mean rate would not allow
         make_doppler_sound(Frames.of(baseband), Gate.fixed(1.0, 3.0, time_s=baseband["slow_time"]), pitch=4000.0)
-    assert (
-        unpack(panel.make_recording_payload(Run("all", "recording", load=lambda: recording), None))[0]["no_sound"]
-        is None
-    )
+    facts, _ = unpack(panels.make_recording_payload(Run("all", "recording", load=lambda: recording), None))
+    assert facts["no_sound"] is None
 
 
-def test_clutter_is_what_the_user_asked_for(recording):
-    """Of a recording, static echoes are off unless it was said otherwise; "Try it" has none."""
-
-    def changes(clutter):
-        return () if clutter is None else (("clutter", clutter),)
-
-    def done(kind, clutter=None, gate="truth"):
-        return Run("a", kind, load=lambda: recording).analysis(gate, changes(clutter)).clutter
-
+@pytest.mark.parametrize(
+    ("kind", "own", "requested", "used"),
+    [
+        ("recording", None, None, "median"), ("recording", None, "none", "none"),
+        ("try", None, None, "none"), ("try", None, "mean", "mean"),
+        ("recording", "mti", None, "mti"), ("recording", "mti", "median", "median"),
+        ("recording", "none", None, "none"), ("recording", "none", "median", "median"),
+    ],
+)  # fmt: skip
+def test_clutter_is_what_the_user_asked_for(recording, kind, own, requested, used):
+    run = Run("a", kind, Settings(analysis=Analysis(clutter=own) if own else Analysis()), load=lambda: recording)
     for gate in ("truth", "track", (1.0, 3.0)):
-        assert done("recording", gate=gate) == "median"
-        assert done("recording", gate=gate, clutter="none") == "none"
-        assert done("try", gate=gate) == "none"
-        assert done("try", gate=gate, clutter="mean") == "mean"
-    run = Run("a", "recording", Settings(analysis=Analysis(clutter="mti")), load=lambda: recording)
-    shown = [run.analysis("truth", changes(one)).clutter for one in (None, "median", "none")]
-    assert shown == ["mti", "median", "none"]
-    run = Run("a", "recording", Settings(analysis=Analysis(clutter="none")), load=lambda: recording)
-    assert [run.analysis("track", changes(one)).clutter for one in (None, "median")] == ["none", "median"]
+        assert run.analysis(gate, (("clutter", requested),) if requested else ()).clutter == used
 
 
 def test_a_request_changes_parameters_of_the_analysis(recording):
@@ -239,12 +226,12 @@ def test_a_request_changes_parameters_of_the_analysis(recording):
     done = run.analysis("track", changes)
     assert (done.cpi_s, done.hop, done.window_steepness, done.gate_span_m) == (0.2, 16, 0.3, 1.2)
     assert done.clutter == "median"
-    facts, _ = unpack(panel.make_recording_payload(run, None, changes=changes))
+    facts, _ = unpack(panels.make_recording_payload(run, None, changes=changes))
     assert facts["analysis"] == {"clutter": "median", "cpi_s": 0.2, "window_steepness": 0.3, "hop": 16}
-    standard, _ = unpack(panel.make_recording_payload(run, None))
+    standard, _ = unpack(panels.make_recording_payload(run, None))
     assert standard["analysis"]["hop"] == 8  # what loses nothing, from 0.1 s at 1000 Hz
     columns = [
-        unpack(panel.make_targets_payload(run, (1.0, 5.0), one))[0]["targets"][0]["signature"]["x"]
+        unpack(panels.make_targets_payload(run, (1.0, 5.0), one))[0]["targets"][0]["signature"]["x"]
         for one in ((), changes)
     ]
     assert [one["step"] for one in columns] == pytest.approx([0.008, 0.016])
@@ -264,7 +251,7 @@ def test_a_change_of_the_analysis_keeps_one_baseband_and_reads_its_levels_once(r
     find = panels.find_strongest_v
     monkeypatch.setattr(panels, "find_strongest_v", lambda baseband: looked.append(1) or find(baseband))
     for cpi_s in (0.1, 0.15, 0.2):
-        panel.make_range_doppler_payload(run, None, start=0, count=1, changes=(("cpi_s", cpi_s),))
+        panels.make_range_doppler_payload(run, None, start=0, count=1, changes=(("cpi_s", cpi_s),))
     assert len(looked) == 1
     first = run.clean_frames(None)
     assert run.clean_frames(None, (("cpi_s", 0.3),)) is first
@@ -307,6 +294,12 @@ def test_a_second_recording_is_one_to_compare_with(recording, tmp_path):
     assert shelf.run(parse_reference([("run", "2")])) is opened.other
     assert shelf.run(parse_reference([])) is opened.run
     assert describe_session(opened, Settings())["other"] == "b.h5"
+    result, changed = (
+        open_path(tmp_path / "result.h5", Settings()).run,
+        replace(recording, range_m=recording.range_m + 1),
+    )
+    runs = (first.run, opened.other, result, Run("a.h5", "recording", load=lambda: changed))
+    assert len({panels.identify_content(run) for run in runs}) == 3, "equal content has one key, equal names have not"
     with pytest.raises(ConfigError, match=r"result\.h5: is a result; two recordings"):
         add_other(first, tmp_path / "result.h5", Settings())
     with pytest.raises(ConfigError, match="no second recording"):
@@ -333,7 +326,7 @@ def expect_db(run, recording, target, hop):
 
 def test_the_first_picture_is_that_of_all_ranges_on_a_coarse_grid(run, recording, monkeypatch):
     monkeypatch.setattr(panels.payload, "MOST", (500, 600))
-    time, levels_db = read_signature(panel.make_recording_payload(run, None))
+    time, levels_db = read_signature(panels.make_recording_payload(run, None))
     _, expected_db = expect_db(run, recording, None, -(-recording.n_pulses // 500))
     assert (time["n"], time["block"]) == (len(expected_db), 1)  # nothing between the columns is computed
     np.testing.assert_allclose(levels_db, np.maximum(expected_db, levels_db.min()), atol=0.02)
@@ -342,9 +335,9 @@ def test_the_first_picture_is_that_of_all_ranges_on_a_coarse_grid(run, recording
 @pytest.mark.parametrize("target", [None, 0])
 def test_a_part_is_computed_again_on_a_finer_grid(run, recording, target):
     further = {"from": "4.0", "to": "4.5", **({} if target is None else {"target": str(target)})}
-    empty = panel.make_detail_payload(run, None, {**further, "from": "400", "to": "405"})  # of a longer recording
+    empty = panels.make_detail_payload(run, None, {**further, "from": "400", "to": "405"})  # of a longer recording
     assert b'"range_time": null' in empty or b'"range_time":null' in empty
-    time, levels_db = read_signature(panel.make_detail_payload(run, None, further))
+    time, levels_db = read_signature(panels.make_detail_payload(run, None, further))
     assert time["step"] == pytest.approx(1 / recording.radar.prf_hz)  # of the whole: 0.008 s
     assert time["first"] == pytest.approx(4.0, abs=2e-3)
     assert time["n"] == pytest.approx(0.5 * recording.radar.prf_hz, abs=2)
@@ -362,7 +355,7 @@ def test_the_decisions_are_those_of_the_command_and_come_in_parts(recording, mon
     monkeypatch.setattr(panels, "monotonic", lambda: next(times_s))
     parts = []
     while not parts or not parts[-1]["complete"]:
-        parts.append(panel.make_decisions(run, None, sum(len(part["marks"]) for part in parts)))
+        parts.append(panels.make_decisions(run, None, sum(len(part["marks"]) for part in parts)))
     assert len(parts) > 3
     assert [part["stop_s"] for part in parts] == sorted(part["stop_s"] for part in parts)
     marks = [mark for part in parts for mark in part["marks"]]
@@ -371,6 +364,6 @@ def test_the_decisions_are_those_of_the_command_and_come_in_parts(recording, mon
     ]
     assert (parts[-1]["alarm_class"], parts[-1]["shown_class"], parts[-1]["reason"]) == ("human", "human", "")
     slow = replace(recording, radar=Radar.preset("x4-255fps"))
-    answer = panel.make_decisions(Run("slow", "recording", load=lambda: slow), None, 0)
+    answer = panels.make_decisions(Run("slow", "recording", load=lambda: slow), None, 0)
     assert answer["complete"]
     assert "no shipped model" in answer["reason"]

@@ -351,7 +351,6 @@ async def _prepare_app(
 
 def _prepare(shelf: RunCache, opened: OpenedSource | None, settings: Settings) -> None:
     """Make the first pictures of the opened runs in advance, then analyse the first run."""
-    describe_session(opened, settings)
     if opened is None or opened.browser is None:
         with suppress(DoppelgaitError):
             # Key of the run that the page requests first: the opened run, or "Try it".

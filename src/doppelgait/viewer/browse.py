@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +19,6 @@ from doppelgait.viewer.columns import Columns, Filters, parse_query
 from doppelgait.viewer.examples import ExampleRuns
 from doppelgait.viewer.payload import describe_axis, pack, remove_folders
 from doppelgait.viewer.settings import Pairs, parse_parameters, parse_whole
-
-if TYPE_CHECKING:
-    from doppelgait.viewer.run import Run
 
 Rows = npt.NDArray[np.int64]
 
@@ -49,6 +46,7 @@ class Browser:
         self.columns = Columns(dataset.index)
         self.classes = list(dataset.description["classes"])
         self._runs = ExampleRuns(dataset, motion_folder)
+        self.run = self._runs.run
 
     @property
     def folders(self) -> tuple[Path, ...]:
@@ -115,33 +113,21 @@ class Browser:
     def scatter(self, query: Pairs) -> bytes:
         """Return two number columns, for rows in which both are known."""
         filters, parameters = parse_query(query, self.columns, ("x", "y"))
-        names = []
+        names = {}
         for key in ("x", "y"):
             if key not in parameters:
                 raise ConfigError(f"{key}: is missing; name a number column")
-            names.append(self.columns.check_kind(parameters[key], "number", key=key))
-        x, y = names
-        found = filters.rows(self.columns)
-        known = found[np.isfinite(self.columns.numbers(x)[found]) & np.isfinite(self.columns.numbers(y)[found])]
-        numbers = self._class_numbers
+            names[key] = self.columns.check_kind(parameters[key], "number", key=key)
+        values = {key: self.columns.numbers(name) for key, name in names.items()}
+        found, numbers = filters.rows(self.columns), self._class_numbers
+        known = found[np.isfinite(values["x"][found]) & np.isfinite(values["y"][found])]
         lots = np.random.default_rng(0).permutation(len(self.dataset))  # always the same
         chosen = choose_evenly(known, numbers[known], lots[known], MOST_POINTS)
-        facts = {
-            "x": self.columns.facts(x),
-            "y": self.columns.facts(y),
-            "classes": self.classes,
-            "n_matching": int(found.size),
-            "n_known": int(known.size),
-        }
-        return pack(
-            facts,
-            {
-                "x": self.columns.numbers(x)[chosen].astype(np.float32),
-                "y": self.columns.numbers(y)[chosen].astype(np.float32),
-                "class": numbers[chosen].astype(np.min_scalar_type(max(len(self.classes) - 1, 0))),
-                "row": chosen.astype(np.int32),
-            },
-        )
+        facts: dict[str, Any] = {key: self.columns.facts(name) for key, name in names.items()}
+        facts |= {"classes": self.classes, "n_matching": found.size, "n_known": known.size}
+        arrays: dict[str, Any] = {key: each[chosen].astype("f4") for key, each in values.items()}
+        arrays["class"] = numbers[chosen].astype(np.min_scalar_type(max(len(self.classes) - 1, 0)))
+        return pack(facts, {**arrays, "row": chosen.astype(np.int32)})
 
     def make_sheet(self, query: Pairs) -> bytes:
         """Return small signatures of one page of the matching rows."""
@@ -165,10 +151,6 @@ class Browser:
             raise ConfigError(f"row: {number} is not allowed; this dataset has rows 0 to {len(self.dataset) - 1}")
         row = self.dataset.index.iloc[number]
         return {"id": str(row["id"]), "label": str(row["label"])}
-
-    def run(self, example_id: str) -> Run:
-        """Open an example with :class:`doppelgait.viewer.examples.ExampleRuns`."""
-        return self._runs.run(example_id)
 
     def _select_page(self, query: Pairs, n_rows: int, most: int) -> tuple[Filters, dict[str, str], Rows, int, Rows]:
         """Return the matching rows in the requested order, and one page of them."""
@@ -239,10 +221,10 @@ def make_thumbnails(
     # that any of them occupies.
     seconds = max(float(np.ptp(read_axis(s, "time"))) for s in signatures)
     limits = np.array([doppler_limits_hz(s) for s in signatures])
-    moving = "Hz"
+    moving, unit = "doppler", "Hz"
     if all(np.isfinite(read_axis(signature, "velocity")).all() for signature in signatures):
         limits *= np.array([[s.attrs["wavelength_m"] / 2.0] for s in signatures])
-        moving = "m/s"
+        moving, unit = "velocity", "m/s"
     n_columns, n_rows = THUMBNAIL
     times_s = np.linspace(0.0, seconds, n_columns + 1)
     velocities = np.linspace(limits[:, 0].min(), limits[:, 1].max(), n_rows + 1)
@@ -256,9 +238,7 @@ def make_thumbnails(
     facts["image"] = {
         "array": "thumbnails",
         "x": describe_axis("time", "s", (times_s[:-1] + times_s[1:]) / 2.0),
-        "y": describe_axis(
-            "velocity" if moving == "m/s" else "doppler", moving, (velocities[:-1] + velocities[1:]) / 2.0
-        ),
+        "y": describe_axis(moving, unit, (velocities[:-1] + velocities[1:]) / 2.0),
         "db": [low, high],
         "shown_db": [low, high],
         "unit": f"dB re {'1 V²' if signatures[0].attrs['units'] == 'V^2' else '1'}",

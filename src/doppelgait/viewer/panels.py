@@ -5,8 +5,10 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from hashlib import sha256
 from time import monotonic
 from typing import Any, get_args
 
@@ -36,6 +38,7 @@ from doppelgait.viewer.settings import Changes, parse_number, parse_whole
 Arrays = dict[str, npt.NDArray[Any]]
 
 MOST_LINE_POINTS = 2000
+END_PULSES = 64  # at each end of a recording, which identify it
 TRUTH_FACTS = (
     "label",
     "gait",
@@ -51,24 +54,26 @@ TRUTH_FACTS = (
 def make_recording_payload(run: Run, gate: GateChoice | None, changes: Changes = ()) -> bytes:
     """Make the payload of ``api/recording``."""
     recording = run.recording
+    known: dict[str, Any] = {"name": run.name, "kind": run.kind, "content": identify_content(run)}
     if recording is None:
-        known = {"name": run.name, "kind": run.kind, "facts": [], "notes": run.notes, "reason": run.reason}
+        known |= {"facts": [], "notes": run.notes, "reason": run.reason}
         empty = dict.fromkeys(("duration_s", "start_s", "range_time", "signature", "scene"))
         return payload.pack({**known, **empty, "bodies": [], "truth": [], "no_sound": run.reason}, {})
     clean, analysis = run.clean_frames(gate, changes), run.analysis(gate, changes)
-    times_s, arrays, signature = clean.slow_time.time_s, dict[str, Any](), None
-    range_time = _make_range_time(clean, arrays)
-    if run.kind == "recording":  # of all ranges, until the targets have been tracked
-        with suppress(AnalysisError):
-            hop = payload.find_block_size(clean.n_pulses, payload.MOST[0])
-            hop = max(hop, plan_for(clean.slow_time, analysis).hop)
-            coarse = analysis.model_copy(update={"hop": hop})
-            signature, arrays["signature"] = make_gate_picture(
-                clean, make_frame_gate(clean), coarse, recording.radar.wavelength_m
-            )
+    times_s, ranges, arrays, signature = clean.slow_time.time_s, Arrays(), Arrays(), None
+    with ThreadPoolExecutor(1) as pool:  # each picture reads the whole recording
+        range_time = pool.submit(_make_range_time, clean, ranges)
+        if run.kind == "recording":  # of all ranges, until the targets have been tracked
+            with suppress(AnalysisError):
+                hop = payload.find_block_size(clean.n_pulses, payload.MOST[0])
+                hop = max(hop, plan_for(clean.slow_time, analysis).hop)
+                coarse = analysis.model_copy(update={"hop": hop})
+                signature, arrays["signature"] = make_gate_picture(
+                    clean, make_frame_gate(clean), coarse, recording.radar.wavelength_m
+                )
+    arrays = {**ranges, **arrays}
     facts: dict[str, Any] = {
-        "name": run.name,
-        "kind": run.kind,
+        **known,
         "facts": list(_list_facts(recording)),
         "notes": [*run.notes, *recording.notes],
         "reason": None,
@@ -77,7 +82,7 @@ def make_recording_payload(run: Run, gate: GateChoice | None, changes: Changes =
         "clutter": analysis.clutter,
         "analysis": run.analysis_facts(gate, changes),
         "no_sound": explain_silence(recording.frames),
-        "range_time": range_time,
+        "range_time": range_time.result(),
         "signature": signature,
         "scene": None
         if recording.radar_position_m is None
@@ -94,6 +99,19 @@ def make_recording_payload(run: Run, gate: GateChoice | None, changes: Changes =
         "truth": [_describe_truth(number, truth, recording, arrays) for number, truth in enumerate(recording.truth)],
     }
     return payload.pack(facts, arrays)
+
+
+def identify_content(run: Run) -> str:
+    """Return a key of what is shown, for annotations: two files may have one name."""
+    if run.recording is None:
+        parts = [repr([run.name, *(view.result.features for view in (run.stored or tuple)())]).encode()]
+    else:
+        frames = run.recording.frames
+        n, last = frames.n_pulses, max(frames.n_pulses - END_PULSES, 0)
+        ends = frames.read(0, END_PULSES), frames.read(last, n)
+        arrays = frames.slow_time.time_s, frames.range_m, *ends
+        parts = [np.ascontiguousarray(one).tobytes() for one in arrays]
+    return sha256(b"".join(parts)).hexdigest()[:16]
 
 
 def _make_range_time(clean: Frames, arrays: Arrays) -> dict[str, Any] | None:
@@ -405,10 +423,8 @@ def select_segment(targets: Sequence[TargetView], number: int, segment: int) -> 
         raise ConfigError(f"segment: {number}:{segment} is not allowed; {known}")
     views = targets[number].segment_views
     if segment >= len(views):
-        known = (
-            f"target {number} has segments 0 to {len(views) - 1}" if views else f"target {number} is shown as a whole"
-        )
-        raise ConfigError(f"segment: {number}:{segment} is not allowed; {known}")
+        known = f"has segments 0 to {len(views) - 1}" if views else "is shown as a whole"
+        raise ConfigError(f"segment: {number}:{segment} is not allowed; target {number} {known}")
     shown = replace(views[segment], segment_views=views, track_picture=targets[number].track_picture)
     return [*targets[:number], shown, *targets[number + 1 :]]
 
@@ -425,10 +441,8 @@ def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays)
     lines = view.segment_views if view.track_picture is not None else (view,)
     main_lines = [_main_line(line.result, f"{prefix}main_line_{n}", arrays) for n, line in enumerate(lines)]
     if cadence_map is not None:
-        cadence, name = (
-            payload.describe_axis("cadence", "Hz", read_axis(cadence_map, "cadence")),
-            f"{prefix}cadence_map",
-        )
+        cadence = payload.describe_axis("cadence", "Hz", read_axis(cadence_map, "cadence"))
+        name = f"{prefix}cadence_map"
         power = np.square(cadence_map.values)
         pictures["cadence_map"], arrays[name] = payload.doppler_picture(cadence_map, power, cadence, name, "dB re 1")
     spectrum = _describe_spectrum(result, f"{prefix}cadence_spectrum", method, arrays)

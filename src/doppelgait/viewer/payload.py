@@ -13,7 +13,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import convert_to_json
-from doppelgait.core.labels import read_axis
+from doppelgait.core.labels import label_axis, label_values, read_axis
 from doppelgait.core.lazy import read_tiles
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 
@@ -131,7 +131,8 @@ def find_band_hz(power: FloatArray, doppler_hz: npt.ArrayLike) -> tuple[float, f
     """Return the occupied part of the Doppler axis, as figures show it."""
     from doppelgait.viz.maps import doppler_limits_hz
 
-    return doppler_limits_hz(xr.DataArray(power, {"doppler": doppler_hz}, ("x", "doppler")))
+    values, axes = label_values(("x", "doppler"), power), {"doppler": label_axis("doppler", doppler_hz)}
+    return doppler_limits_hz(xr.DataArray(values, axes, indexes={}, fastpath=True))
 
 
 def signature_picture(signature: xr.DataArray, name: str) -> tuple[dict[str, Any], npt.NDArray[np.uint16]]:

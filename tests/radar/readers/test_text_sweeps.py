@@ -83,8 +83,7 @@ def test_a_sweep_that_is_cut_off(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["", "1\n2\n3\n4\n", "1\n2\n3\n4\n5\n", "a\n2\n3\n4\n5+2i", "1\n2\n3\n4\nhi", "1 2 3 4 \xff\xfei"],
+    "text", ["", "1\n2\n3\n4\n", "1\n2\n3\n4\n5\n", "a\n2\n3\n4\n5+2i", "1\n2\n3\n4\nhi", "1 2 3 4 \xff\xfei"]
 )
 def test_what_is_not_recognised(tmp_path, text):
     (tmp_path / "other.dat").write_text(text, encoding="latin-1")

@@ -465,10 +465,7 @@ LINEAR = [
     (lambda a: a.update(bias=np.zeros(3)), "bias has the shape"),
     (lambda a: a.update(median=a["median"][1:]), "median has the shape"),
     (lambda a: a["told"].__setitem__(0, 6), "told names features"),
-    (
-        lambda a: put_text(a, lambda d: d.update(learned="kernel")),
-        "has support vector machines",
-    ),
+    (lambda a: put_text(a, lambda d: d.update(learned="kernel")), "has support vector machines"),
 ]
 BROKEN = [(name, *case) for name, cases in (("six-boosting", TREES), ("six-logistic", LINEAR)) for case in cases]
 

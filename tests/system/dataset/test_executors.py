@@ -20,15 +20,7 @@ from doppelgait.core.worker import WORKER_ENVIRONMENT
 from doppelgait.dataset.build import build_dataset, read_dataset_status
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import make_card
-from executor_work import (
-    killed_always,
-    killed_in_its_answer,
-    killed_once,
-    no_space,
-    quick_then_slow,
-    shards,
-    started,
-)
+from executor_work import killed_always, killed_in_its_answer, killed_once, no_space, quick_then_slow, shards, started
 
 DASK = pytest.param("dask", marks=pytest.mark.release)
 LOCAL = ["serial", "processes", DASK]

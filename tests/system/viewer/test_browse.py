@@ -18,7 +18,7 @@ from doppelgait.dataset.shard_files import ShardFiles
 from doppelgait.pipeline import analyze
 from doppelgait.processing import Analysis
 from doppelgait.viewer.browse import MOST_POINTS, Browser, find_strongest
-from doppelgait.viewer.examples import build_stored_view
+from doppelgait.viewer.examples import ExampleRuns, build_stored_view
 from doppelgait.viewer.payload import as_json, remove_folders
 from doppelgait.viewer.settings import Settings
 from doppelgait.viewer.source import OpenedSource
@@ -305,7 +305,7 @@ def test_nothing_of_a_dataset_is_simulated_before_it_is_asked_for(dataset, monke
     from doppelgait.viewer.source import RunCache
 
     asked = []
-    monkeypatch.setattr(Browser, "run", lambda self, example_id: asked.append(example_id))
+    monkeypatch.setattr(ExampleRuns, "run", lambda self, example_id: asked.append(example_id))
     opened = OpenedSource("dataset", "tiny", "tiny", browser=Browser(dataset))
     _prepare(RunCache(opened), opened, Settings())
     assert asked == []

@@ -1,4 +1,4 @@
-// Annotations: spans of time with a label, kept in this browser by the name of the recording, and saved as JSON or CSV.
+// Annotations: spans of time with a label, kept in this browser by the content of the recording, and saved as JSON or CSV.
 
 import { FONT } from "./axes.js";
 import { makeTool } from "./measure.js";
@@ -8,7 +8,7 @@ import { element, fixed } from "./ui.js";
 const COLOUR = "#9cff57";
 const TITLE = "Mark a span of time in a picture with a time axis: two clicks, or a drag (n; Esc ends)";
 
-/** `node` is the list of the annotations and `button` marks another; `open(file)` takes those of a recording. */
+/** `node` is the list of the annotations and `button` marks another; `open(facts)` takes those of a recording. */
 export function makeAnnotations(page, changed) {
   const tool = makeTool(page, "annotate", TITLE, { paint, taken, fits, changed });
   const rows = element("tbody");
@@ -27,34 +27,32 @@ export function makeAnnotations(page, changed) {
   );
   const drawn = { on: false, toggle: () => {}, draw: (context, chart) => list.forEach((one) => drawSpan(context, chart, one)) };
   let list = []; // {start_s, stop_s, label, file}
-  let file = null;
+  let [file, key] = [null, null]; // name of the recording, and that of its annotations in the browser
   page.tools.push(drawn); // what has been marked is seen whether or not the tool is on
   return { node, button: tool.button, toggle: tool.toggle, open };
 
   /** A second recording has times of its own. */
   function fits(chart) {
-    return chart.view?.x.unit === "s" && !chart.canvas.closest('[id^="other-"]');
+    return chart.view?.x.unit === "s" && !chart.canvas.closest('[id^="panel-other-"]');
   }
 
-  function open(name) {
-    file = name;
+  function open({ name, content }) {
+    [file, key] = [name, `doppelgait annotations ${content}`]; // two files may have one name
+    let kept = null;
     try {
-      list = JSON.parse(localStorage.getItem(key()));
+      kept = JSON.parse(localStorage.getItem(key));
     } catch {
-      list = []; // a browser that keeps nothing
+      // a browser that keeps nothing, or what another program has written there
     }
-    if (!Array.isArray(list)) list = []; // nothing yet, or what another program has written there
+    list = (Array.isArray(kept) ? kept : []).filter((one) => Number.isFinite(one?.start_s) && Number.isFinite(one.stop_s));
+    list = list.map(({ start_s, stop_s, label }) => ({ start_s, stop_s, label: String(label ?? ""), file }));
     show();
-  }
-
-  function key() {
-    return `doppelgait annotations ${file}`;
   }
 
   function keep() {
     list.sort((a, b) => a.start_s - b.start_s);
     try {
-      localStorage.setItem(key(), JSON.stringify(list));
+      localStorage.setItem(key, JSON.stringify(list));
     } catch {
       // they last until the page is closed
     }

@@ -12,9 +12,12 @@ export function makeCompare(page, changed) {
   const rangeTime = makeRangeTime(page, { id: "other-range-time", before });
   const signature = makeSignature(page, { id: "other-signature", before });
   const features = makeFeatures(page, { id: "other-features", before });
+  const pictures = [rangeTime, signature];
   const compare = {
-    times: null, band: null, targets: [], name: page.session.other, panels: [rangeTime, signature, features], load, tick, redraw, refine, destroy,
+    times: null, band: null, targets: [], name: page.session.other, panels: [...pictures, features], load, refine, destroy,
     stacked: [rangeTime.node, signature.node], features: features.node,
+    tick: () => pictures.forEach((panel) => panel.tick()),
+    redraw: () => pictures.forEach((panel) => panel.redraw()),
   };
   const detail = makeDetail(page, { rangeTime, signature }, "other");
   let job = 0;
@@ -68,17 +71,9 @@ export function makeCompare(page, changed) {
     for (const panel of [signature, features]) panel.say(reason);
   }
 
-  function tick() {
-    for (const panel of [rangeTime, signature]) panel.tick();
-  }
-
-  function redraw() {
-    for (const panel of [rangeTime, signature]) panel.redraw();
-  }
-
   function destroy() {
     job += 1;
     detail.destroy();
-    for (const panel of [rangeTime, signature]) panel.destroy();
+    for (const panel of pictures) panel.destroy();
   }
 }

@@ -72,19 +72,13 @@ function newest(facts) {
 function fillTracks(table, facts) {
   const heads = ["track", "decision", "probability", "alarm", "range (m)", "approach (m/s)", "why no decision"];
   const alarm = { true: "yes", false: "no", null: "–" };
-  const rows = newest(facts).map((mark) =>
-    element(
-      "tr",
-      { class: mark.alarm ? "alarm" : null },
-      element("td", {}, dot(gateColour(mark.track)), String(mark.track)),
-      element("td", {}, mark.label ?? "none"),
-      element("td", {}, fixed(mark.probability, 2)),
-      element("td", {}, alarm[String(mark.alarm)]),
-      element("td", {}, fixed(mark.range_m, 2)),
-      element("td", {}, fixed(mark.approach_mps, 2)),
-      element("td", {}, mark.label === null ? mark.reason : ""),
-    ),
-  );
+  const rows = newest(facts).map((mark) => {
+    const cells = [
+      [dot(gateColour(mark.track)), String(mark.track)], mark.label ?? "none", fixed(mark.probability, 2), alarm[String(mark.alarm)],
+      fixed(mark.range_m, 2), fixed(mark.approach_mps, 2), mark.label === null ? mark.reason : "",
+    ];
+    return element("tr", { class: mark.alarm ? "alarm" : null }, cells.map((cell) => element("td", {}, cell)));
+  });
   if (!rows.length) rows.push(element("tr", {}, element("td", { colspan: heads.length }, "no target in the newest window")));
   table.replaceChildren(
     element("thead", {}, element("tr", {}, ...heads.map((head) => element("th", { scope: "col" }, head)))),

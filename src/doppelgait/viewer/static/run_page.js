@@ -10,10 +10,10 @@ import { makeDetail } from "./detail.js";
 import { makeEvidence } from "./evidence.js";
 import { makeFeatures } from "./features.js";
 import { listenToKeys } from "./keyboard.js";
-import { drawCursor, MARGINS } from "./chart.js";
+import { drawCursor } from "./chart.js";
 import { edges } from "./picture.js";
 import { makeRangeDoppler } from "./range_doppler.js";
-import { makeRangeTime } from "./range_time.js";
+import { gateAt, gateColour, makeRangeTime } from "./range_time.js";
 import { makeScene } from "./scene.js";
 import { makeSignature } from "./signature.js";
 import * as state from "./state.js";
@@ -23,6 +23,8 @@ import { makeTransport, restoreClock } from "./transport.js";
 import { makeMeasure } from "./measure.js";
 import { clearError, element, fixed, showError } from "./ui.js";
 import { makeZoom } from "./zoom.js";
+
+const NOT_LISTED = "#9aa3ab"; // colour of decisions about what the list of targets does not have
 
 /**
  * Show a run in a container.
@@ -43,7 +45,7 @@ export function showRun(container, reference, session) {
     rangeDoppler: makeRangeDoppler(page), cadence: makeCadence(page), features: makeFeatures(page),
   };
   const decides = session.kind === "recording" && !reference.try && !compared;
-  if (decides) panels.evidence = makeDecisions(page, () => decided);
+  if (decides) panels.evidence = makeDecisions(page, () => decided, () => targets);
   const compare = compared ? makeCompare(page, showBoth) : null;
   const detail = makeDetail(page, panels, "own");
   const transport = makeTransport(clock);
@@ -203,7 +205,7 @@ export function showRun(container, reference, session) {
 
   function showRecording(recording) {
     recorded = recording.facts;
-    annotations.open(recorded.name);
+    annotations.open(recorded);
     if (recorded.signature && !targets.targets.length) showOverview(recording);
     if (recorded.duration_s !== null) fitTime();
     showFacts(recording.facts);
@@ -265,6 +267,7 @@ export function showRun(container, reference, session) {
     showOrSay(panels.cadence, target?.cadence_map, "The cadence-velocity diagram of this target is not stored.", target, arrays);
     showOrSay(panels.features, target, null, target, arrays);
     for (const panel of [panels.rangeTime, panels.rangeDoppler, panels.scene]) panel.showTargets(targets);
+    panels.evidence?.redraw();
     refine();
   }
 
@@ -368,15 +371,31 @@ export function showRun(container, reference, session) {
   }
 }
 
-/** Panel of the decisions, below the signature and on its time axis. */
-function makeDecisions(page, facts) {
+/** Panel of the decisions, below the signature and on its time axis; its tracks are named by the targets of the list. */
+function makeDecisions(page, facts, listed) {
   const { clock, zoom } = page;
-  const time = () => ({ limits: zoom.time.limits([clock.start, clock.stop]), name: "time", unit: "s", labels: false });
+  const time = () => ({ limits: zoom.time.limits([clock.start, clock.stop]), name: "time", unit: "s" });
   const evidence = makeEvidence({
-    facts, time, margins: { ...MARGINS, bottom: 10 }, drag: clock.seek, zoom: { x: zoom.time }, page,
+    facts, time, subject, drag: clock.seek, zoom: { x: zoom.time }, page,
     drawOver: (context) => drawCursor(context, evidence.chart, clock.time),
   });
   return evidence;
+
+  function subject(marks) {
+    const number = followed(marks, listed());
+    if (number === null) return { name: "track that is not listed", words: "–", colour: NOT_LISTED };
+    return { name: `target ${number + 1}`, words: String(number + 1), colour: gateColour(number) };
+  }
+}
+
+/** Number of the target in whose gate a track of the decisions is most often, and nearest to its middle; null for none. */
+function followed(marks, { targets, arrays }) {
+  const scores = targets.map((target) => marks.reduce((sum, { time_s: time, range_m: range }) => {
+    const [low, high] = gateAt(target, arrays, time) ?? [0, 0];
+    return sum + Math.max(1 - Math.abs(2 * range - low - high) / (high - low), 0);
+  }, 0));
+  const best = scores.indexOf(Math.max(...scores, 1e-9));
+  return best < 0 ? null : best;
 }
 
 function layout({ rangeTime, signature, evidence, scene, rangeDoppler, cadence, features }, compare) {

@@ -3,7 +3,7 @@
 import { featuresOf } from "./features.js";
 import { shownSegment } from "./ui.js";
 
-const TEXTS = "h2, .colour-bar span, th, td, .flags li, .empty, .parts label:has(:checked)";
+const TEXTS = "h2, .colour-bar span, th, td, .flags li, .empty, .parts label:has(:checked), .keys > span";
 
 const TITLE_PX = 26; // height of the line with the names of the recordings
 
@@ -84,8 +84,10 @@ export function csvOf(rows) {
   return rows.map((row) => row.map(cell).join(",")).join("\r\n") + "\r\n";
 }
 
+/** A text that a spreadsheet could run as a formula begins with an apostrophe; so does a text that begins with one. */
 function cell(value) {
-  const text = value === null || value === undefined ? "" : String(value);
+  const runs = typeof value === "string" && /^['=+\-@\t\r]/.test(value);
+  const text = runs ? `'${value}` : String(value ?? "");
   return /[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 }
 

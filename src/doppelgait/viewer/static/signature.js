@@ -6,7 +6,7 @@ import { makeLevels } from "./levels.js";
 import { valueAt } from "./picture.js";
 import * as state from "./state.js";
 import { bodyOf } from "./truth.js";
-import { element, fixed, makePanel, shownSegment, span } from "./ui.js";
+import { dot, element, fixed, makePanel, shownSegment, span } from "./ui.js";
 
 const MAIN_LINE = "#56b4e9";
 const SEGMENT_COLOUR = "#ffe14d";
@@ -82,9 +82,7 @@ export function makeSignature(page, { id = "signature", before = page.before } =
   function makeSwitch([key, words, colour]) {
     const box = element("input", { type: "checkbox", value: key, onchange: () => toggle(key, box.checked) });
     box.checked = chosen().has(key);
-    const swatch = element("i", { class: "swatch" });
-    swatch.style.background = colour;
-    return element("label", {}, box, swatch, words);
+    return element("label", {}, box, dot(colour, "swatch"), words);
   }
 
   function toggle(key, on) {

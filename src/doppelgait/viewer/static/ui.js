@@ -23,9 +23,9 @@ export function fillSelect(select, choices, chosen) {
   select.value = String(chosen);
 }
 
-/** A spot in the colour of a class or a track. */
-export function dot(colour) {
-  const spot = element("span", { class: "dot", "aria-hidden": "true" });
+/** A spot in the colour of a class or a track, or the swatch of a line. */
+export function dot(colour, kind = "dot") {
+  const spot = element("span", { class: kind, "aria-hidden": "true" });
   spot.style.backgroundColor = colour;
   return spot;
 }
