@@ -3,14 +3,18 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
 
-#include <cmath>
+#include <algorithm>
+#include <array>
 #include <complex>
-#include <cstdint>
+#include <limits>
 #include <optional>
 #include <stdexcept>
-#include <type_traits>
+#include <vector>
+
+#include "elementary.hpp"
 
 namespace doppelgait {
 
@@ -25,12 +29,17 @@ struct Rows {
   Index count, width, stride;
 
   T* operator[](Index row) const { return data + row * stride; }
+  Rows<const T> read() const { return {data, count, width, stride}; }
   Rows slice(Index first, Index stop) const { return {data + first * stride, stop - first, width, stride}; }
 };
 
 // Rows to read that may be a part of longer ones.
 template <typename T>
 struct Plane : Rows<const T> {};
+
+// Rows of points, whose coordinates lie behind each other: three dimensions in Python.
+template <typename T>
+struct Points : Rows<T> {};
 
 template <typename T>
 struct Line {
@@ -39,36 +48,6 @@ struct Line {
 
   T& operator[](Index i) const { return data[i]; }
 };
-
-// Read-only arrays are converted or copied where type or layout differ, arrays that are written never are.
-template <typename T>
-using In1 = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-template <typename T>
-using In2 = nb::ndarray<const T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-template <typename T>
-using In3 = nb::ndarray<const T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
-template <typename T>
-using Out1 = nb::ndarray<T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-template <typename T>
-using Out2 = nb::ndarray<T, nb::ndim<2>, nb::device::cpu>;
-template <typename T>
-using Out3 = nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
-template <typename T>
-using Planes = nb::ndarray<const T, nb::ndim<2>, nb::device::cpu>;
-
-template <typename Array>
-auto view_line(const Array& array) {
-  using T = std::remove_pointer_t<decltype(array.data())>;
-  return Line<T>{array.data(), static_cast<Index>(array.shape(0))};
-}
-
-template <typename Array>
-auto view_rows(const Array& array) {
-  using T = std::remove_pointer_t<decltype(array.data())>;
-  const auto count = static_cast<Index>(array.shape(0)), width = static_cast<Index>(array.shape(1));
-  if (width > 1 && count > 0 && array.stride(1) != 1) throw std::invalid_argument("rows must be contiguous");
-  return Rows<T>{array.data(), count, width, array.stride(0)};
-}
 
 // The bin next to a place on the Doppler axis, which goes round.
 inline Index nearest_bin(double place) {
@@ -80,68 +59,103 @@ inline void require(bool fits, const char* otherwise) {
   if (!fits) throw std::invalid_argument(otherwise);
 }
 
-// What a function does without Python's lock.
-using Unlocked = nb::call_guard<nb::gil_scoped_release>;
+// Requires some rows to have one shape.
+template <typename... Some>
+void require_shape(Index count, Index width, const char* otherwise, const Some&... rows) {
+  require(((rows.count == count && rows.width == width) && ...), otherwise);
+}
 
-// How Python gives an argument of a function that computes.
+// How Python gives an argument of a function that computes. Read-only arrays are converted or copied where type or
+// layout differ, arrays that are written never are.
 template <typename T>
 struct Argument {
   using type = T;
   static constexpr bool is_written = false;
   static T view(T value) { return value; }
 };
+
 template <typename T>
 struct Argument<Line<T>> {
-  using type = std::conditional_t<std::is_const_v<T>, In1<std::remove_const_t<T>>, Out1<T>>;
+  using type = nb::ndarray<T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
   static constexpr bool is_written = !std::is_const_v<T>;
-  static Line<T> view(const type& array) { return view_line(array); }
+  static Line<T> view(const type& array) { return {array.data(), static_cast<Index>(array.shape(0))}; }
 };
+
+template <typename T>
+using Strided = nb::ndarray<T, nb::ndim<2>, nb::device::cpu>;
+
 template <typename T>
 struct Argument<Rows<T>> {
-  using type = std::conditional_t<std::is_const_v<T>, In2<std::remove_const_t<T>>, Out2<T>>;
+  using contiguous = nb::ndarray<T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+  using type = std::conditional_t<std::is_const_v<T>, contiguous, Strided<T>>;
   static constexpr bool is_written = !std::is_const_v<T>;
-  static Rows<T> view(const type& array) { return view_rows(array); }
+
+  template <typename Array>
+  static Rows<T> view(const Array& array) {
+    const auto count = static_cast<Index>(array.shape(0)), width = static_cast<Index>(array.shape(1));
+    require(width <= 1 || count == 0 || array.stride(1) == 1, "rows must be contiguous");
+    return {array.data(), count, width, array.stride(0)};
+  }
 };
+
 template <typename T>
 struct Argument<Plane<T>> {
-  using type = Planes<T>;
+  using type = Strided<const T>;
   static constexpr bool is_written = false;
-  static Plane<T> view(const type& array) { return {view_rows(array)}; }
+  static Plane<T> view(const type& array) { return {Argument<Rows<const T>>::view(array)}; }
 };
+
 template <typename T>
-struct Argument<std::optional<Rows<const T>>> {
-  using type = std::optional<In2<T>>;
-  static constexpr bool is_written = false;
-  static std::optional<Rows<const T>> view(const type& array) {
-    return array ? std::optional(view_rows(*array)) : std::nullopt;
+struct Argument<Points<T>> {
+  using type = nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+  static constexpr bool is_written = !std::is_const_v<T>;
+  static Points<T> view(const type& array) {
+    const auto width = static_cast<Index>(array.shape(1) * array.shape(2));
+    return {{array.data(), static_cast<Index>(array.shape(0)), width, width}};
   }
 };
 
 template <typename T>
-struct Argument<std::optional<Plane<T>>> {
-  using type = std::optional<Planes<T>>;
-  static constexpr bool is_written = false;
-  static std::optional<Plane<T>> view(const type& array) {
-    return array ? std::optional(Plane<T>{view_rows(*array)}) : std::nullopt;
+struct Argument<std::optional<T>> {
+  using type = std::optional<typename Argument<T>::type>;
+  static constexpr bool is_written = Argument<T>::is_written;
+  static std::optional<T> view(const type& array) {
+    return array ? std::optional(Argument<T>::view(*array)) : std::nullopt;
+  }
+};
+
+template <typename T, std::size_t n>
+struct Argument<std::array<T, n>> {
+  using type = std::array<typename Argument<T>::type, n>;
+  static constexpr bool is_written = Argument<T>::is_written;
+  static std::array<T, n> view(const type& arrays) {
+    std::array<T, n> views;
+    for (std::size_t i = 0; i < n; ++i) views[i] = Argument<T>::view(arrays[i]);
+    return views;
   }
 };
 
 template <typename T>
-auto name_argument(const char* name) {
+auto annotate() {
   if constexpr (Argument<T>::is_written) {
-    return nb::arg(name).noconvert();
+    return nb::arg().noconvert();
   } else {
-    return nb::arg(name);
+    return nb::arg();
   }
 }
 
-// Binds a function of lines, rows and numbers; it runs without Python's lock.
-template <typename Result, typename... Args, typename... Names>
-void define(nb::module_& module, const char* name, Result (*function)(Args...), Names... names) {
+template <typename Result, typename... Args>
+void define_one(nb::module_& module, const char* name, Result (*function)(Args...)) {
   module.def(
       name,
       [function](const typename Argument<Args>::type&... args) { return function(Argument<Args>::view(args)...); },
-      name_argument<Args>(names)..., Unlocked());
+      annotate<Args>()..., nb::call_guard<nb::gil_scoped_release>());
+}
+
+// Binds functions of lines, rows and numbers under one name, by their types; they run without Python's lock.
+template <typename... Functions>
+void define(nb::module_& module, const char* name, Functions... functions) {
+  (define_one(module, name, functions), ...);
 }
 
 }  // namespace doppelgait

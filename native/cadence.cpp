@@ -1,9 +1,5 @@
 // Passes of the cadence-velocity diagram (E-30, E-31).
-#include <algorithm>
-#include <vector>
-
 #include "arrays.hpp"
-#include "lanes.hpp"
 
 namespace doppelgait::cadence {
 namespace {
@@ -99,21 +95,21 @@ void project(Rows<const double> rows, Rows<const double> basis, Rows<double> out
 void remove_trend(Rows<double> rows, Rows<const double> basis) {
   std::vector<double> parts(basis.width * rows.width), factors(basis.width);
   const Rows<double> part = {parts.data(), basis.width, rows.width, rows.width};
-  project({rows.data, rows.count, rows.width, rows.stride}, basis, part);
+  project(rows.read(), basis, part);
   for (Index j = 0; j < rows.count; ++j) {
     for (Index p = 0; p < basis.width; ++p) factors[p] = -basis[j][p];
-    add_rows({part.data, part.count, part.width, part.stride}, factors.data(), 1, rows[j]);
+    add_rows(part.read(), factors.data(), 1, rows[j]);
   }
 }
 
 }  // namespace
 
 void bind(nb::module_& module) {
-  define(module, "lay_circular", &lay_circular, "rows", "weights", "first", "out");
-  define(module, "fine_magnitudes", &fine_magnitudes, "lines", "taps", "first", "out");
-  define(module, "smear", &smear, "rows", "weights", "taps", "step", "out");
-  define(module, "remove_trend", &remove_trend, "rows", "basis");
-  define(module, "project", &project, "rows", "basis", "out");
+  define(module, "lay_circular", &lay_circular);
+  define(module, "fine_magnitudes", &fine_magnitudes);
+  define(module, "smear", &smear);
+  define(module, "remove_trend", &remove_trend);
+  define(module, "project", &project);
 }
 
 }  // namespace doppelgait::cadence

@@ -1,11 +1,7 @@
 // Elementary functions of arrays, where NumPy's last digits depend on the processor; errors of at most 3 units in the
 // last place.
-#include "elementary.hpp"
-
 #include <cfloat>
-#include <cmath>
 
-#include "angles.hpp"
 #include "arrays.hpp"
 
 namespace doppelgait::elementary {

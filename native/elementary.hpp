@@ -27,6 +27,17 @@ inline void phasor(Float turns, Float& cosine, Float& sine) {
   sine = bits_of<Float>(bits_of<Int>(odd ? x : y) ^ ((count & 2) << 30));
 }
 
+// Cosines and sines of any numbers of turns, rounded to single precision after whole turns; whole vectors are written.
+inline void compute_phasors(const double* turns, std::int64_t n, float* cosines, float* sines) {
+  for (std::int64_t i = 0; i < n; i += kWidth) {
+    const Double a = load<Double>(turns + i), b = load<Double>(turns + i + kHalfWidth);
+    Float cosine, sine;
+    phasor(narrow(a - round_even(a), b - round_even(b)), cosine, sine);
+    store(cosines + i, cosine);
+    store(sines + i, sine);
+  }
+}
+
 // Cosine and sine of an angle within an eighth of a turn, after a number of quarter turns, of a number in double
 // precision or of a vector of them. The series of sine and cosine end below 1e-16.
 template <typename V>
@@ -110,6 +121,30 @@ inline V logarithm(V x) {
   V exponent, zero{};
   const V fraction = logarithm(x, exponent);
   return fused(exponent, zero + kLn2High, fused(exponent, zero + kLn2Low, fraction));
+}
+
+// Angle of the point (x, y) in radians, 0 for the origin, for doubles and for vectors of them. After two reflections
+// |z| is below tan(pi / 8), where atan(z) = z + z^3 (A0 + A1 z^2 + ...), interpolated in 11 Chebyshev nodes (5e-18
+// before rounding).
+template <typename V>
+inline V angle_of(V y, V x) {
+  constexpr double coefficients[] = {-0.019176887119062364, 0.03923165829558727,  -0.050854497379402626,
+                                     0.0585814891280221,    -0.06664511447381948, 0.07692183190826087,
+                                     -0.09090904578123903,  0.11111111015256361,  -0.14285714284666542,
+                                     0.1999999999999552,    -0.3333333333333333};
+  constexpr double half_pi = 1.57079632679489662;
+  const V zero{}, a = x < zero ? -x : x, b = y < zero ? -y : y;
+  const auto steep = a < b;
+  const V low = steep ? a : b, high = steep ? b : a;
+  const auto wide = low > 0.414213562373095049 * high;
+  const V z = (wide ? low - high : low) / ((wide ? low + high : high) + (high == zero ? zero + 1.0 : zero));
+  const V u = z * z;
+  V tail = zero + coefficients[0];
+  for (int n = 1; n < 11; ++n) tail = fused(tail, u, zero + coefficients[n]);
+  V angle = fused(z * u, tail, z) + (wide ? zero + 0.5 * half_pi : zero);
+  angle = steep ? half_pi - angle : angle;
+  angle = x < zero ? 2.0 * half_pi - angle : angle;
+  return y < zero ? -angle : angle;
 }
 
 }  // namespace doppelgait

@@ -1,10 +1,5 @@
 // Lines through a signature and power about them (E-33, E-34c).
-#include <algorithm>
-#include <limits>
-#include <vector>
-
 #include "arrays.hpp"
-#include "lanes.hpp"
 
 namespace doppelgait::lines {
 namespace {
@@ -183,21 +178,14 @@ void strongest_near(Rows<const T> values, Line<const Index> bins, Index reach, L
   }
 }
 
-template <typename T>
-void bind_for(nb::module_& module) {
-  define(module, "refine_path", &refine_path<T>, "values", "floor", "path", "out");
-  define(module, "strongest_near", &strongest_near<T>, "values", "bins", "reach", "out");
-  define(module, "powers_about_line", &powers_about_line<T>, "values", "floor", "line", "reaches", "range_weight",
-         "sums", "square", "moment");
-  define(module, "follow_ridge", &follow_ridge<T>, "values", "floor", "line", "reach", "cost", "path");
-}
-
 }  // namespace
 
 void bind(nb::module_& module) {
-  bind_for<double>(module);
-  bind_for<float>(module);
-  define(module, "smooth", &smooth, "values", "sd", "mirrored", "out");
+  define(module, "refine_path", &refine_path<double>, &refine_path<float>);
+  define(module, "strongest_near", &strongest_near<double>, &strongest_near<float>);
+  define(module, "powers_about_line", &powers_about_line<double>, &powers_about_line<float>);
+  define(module, "follow_ridge", &follow_ridge<double>, &follow_ridge<float>);
+  define(module, "smooth", &smooth);
 }
 
 }  // namespace doppelgait::lines

@@ -10,9 +10,8 @@ namespace doppelgait {
 // Every topic: its namespace binds its functions.
 // clang-format off
 #define DOPPELGAIT_TOPICS(DO) \
-  DO(antenna) DO(cadence) DO(columns) DO(curves) DO(elementary) DO(features) DO(fluctuation) DO(images) DO(integration) \
-  DO(lines) DO(noise) DO(occlusion) DO(periodicity) DO(planes) DO(responses) DO(robust) \
-  DO(signature) DO(spline) DO(stretch) DO(synthesis) DO(tones)
+  DO(amplitudes) DO(cadence) DO(columns) DO(elementary) DO(lines) DO(motions) DO(noise) DO(occlusion) DO(periodicity) \
+  DO(planes) DO(rays) DO(responses) DO(robust) DO(signature) DO(synthesis) DO(tones)
 // clang-format on
 #define DOPPELGAIT_DECLARE(topic) \
   namespace topic {               \

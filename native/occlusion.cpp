@@ -1,47 +1,35 @@
 // Ellipsoids seen from the radar: nearest points, cross sections, occlusion (E-08).
-#include <vector>
-
 #include "arrays.hpp"
-#include "lanes.hpp"
 
 namespace doppelgait::occlusion {
 namespace {
 
 constexpr int kNewtonSteps = 30;  // at most; 2 to 4 are needed from a few radii on, more only near the surface
 
+using Places = Points<const double>;
+
 // Bodies of ellipsoids at all times: centres and directions (I, S, 3), semi-axes (S, 3) across, upright and along.
 struct Bodies {
-  Bodies(const In3<double>& centre, const In3<double>& along, const In3<double>& across, const In2<double>& semi_axes,
-         const In1<double>& radar)
-      : centre(centre.data()),
-        along(along.data()),
-        across(across.data()),
-        semi_axes(semi_axes.data()),
-        radar(radar.data()),
-        count(static_cast<Index>(centre.shape(0))),
-        n(static_cast<Index>(centre.shape(1))) {
-    for (const auto* array : {&centre, &along, &across}) {
-      require(array->shape(0) == centre.shape(0) && array->shape(1) == centre.shape(1) && array->shape(2) == 3,
-              "ellipsoids do not fit");
-    }
-    require(semi_axes.shape(0) == centre.shape(1) && semi_axes.shape(1) == 3 && radar.shape(0) == 3,
-            "semi-axes or the radar do not fit");
+  Bodies(Places centre, Places along, Places across, Rows<const double> semi_axes, Line<const double> radar)
+      : centre(centre), along(along), across(across), semi_axes(semi_axes), radar(radar) {
+    require_shape(centre.count, 3 * semi_axes.count, "ellipsoids do not fit", centre, along, across);
+    require(semi_axes.width == 3 && radar.size == 3, "semi-axes or the radar do not fit");
   }
 
-  const double *centre, *along, *across, *semi_axes, *radar;
-  Index count, n;
+  Places centre, along, across;
+  Rows<const double> semi_axes;
+  Line<const double> radar;
 };
 
 // Ellipsoids side by side, and t of the point nearest to the radar: sum of a_k^2 y_k^2 / (a_k^2 + t)^2 = 1 (E-08f).
 template <typename V>
 struct Ellipsoid {
   Ellipsoid(const Bodies& bodies, Index time, Index s) {
-    const Index place = 3 * (time * bodies.n + s);
     V semi_axes[3];
-    load_points(bodies.centre + place, centre);
-    load_points(bodies.along + place, along);
-    load_points(bodies.across + place, across);
-    load_points(bodies.semi_axes + 3 * s, semi_axes);
+    load_points(bodies.centre[time] + 3 * s, centre);
+    load_points(bodies.along[time] + 3 * s, along);
+    load_points(bodies.across[time] + 3 * s, across);
+    load_points(bodies.semi_axes[s], semi_axes);
     y_wide = y_long = V{};
     V square = V{};
     for (int k = 0; k < 3; ++k) {
@@ -86,14 +74,14 @@ struct Ellipsoid {
 
 // The point (I, 3, S) of every ellipsoid that is nearest to the radar, and its cross section (I, S) at the radar's
 // distance (E-08g), 0 within it.
-void see_ellipsoids(const In3<double>& centre, const In3<double>& along, const In3<double>& across,
-                    const In2<double>& semi_axes, const In1<double>& radar, const Out3<double>& points,
-                    const Out2<double>& rcs) {
+void see_ellipsoids(Places centre, Places along, Places across, Rows<const double> semi_axes, Line<const double> radar,
+                    Points<double> points, Rows<double> rcs) {
   const Bodies bodies(centre, along, across, semi_axes, radar);
-  const auto to = view_rows(rcs);
-  require(to.count == bodies.count && to.width == bodies.n && points.size() == 3 * rcs.size(), "rcs does not fit");
-  for (Index i = 0; i < bodies.count; ++i) {
-    side_by_side(to.width, [&](auto zero, Index s) {
+  const Index n = semi_axes.count;
+  require_shape(centre.count, n, "cross sections do not fit", rcs);
+  require_shape(centre.count, 3 * n, "points do not fit", points);
+  for (Index i = 0; i < rcs.count; ++i) {
+    side_by_side(n, [&](auto zero, Index s) {
       using V = decltype(zero);
       const Ellipsoid<V> e(bodies, i, s);
       const V plain = e.size2[1] * e.inverse[1];
@@ -102,13 +90,13 @@ void see_ellipsoids(const In3<double>& centre, const In3<double>& along, const I
       V gradient2 = zero, bent = zero + 1e-300, sizes = zero + 3.14159265358979324;
       for (int k = 0; k < 3; ++k) {
         const V from_centre = fused(far, e.along[k], fused(wide, e.across[k], plain * e.y[k]));
-        store(points.data() + to.width * (3 * i + k) + s, e.centre[k] + from_centre);
+        store(points[i] + n * k + s, e.centre[k] + from_centre);
         const V steep = e.square2[k] * e.inverse[k] * e.inverse[k];  // the sum is 1 / h^2
         gradient2 = gradient2 + steep;
         bent = fused(steep * e.size2[k], e.inverse[k], bent);
         sizes = sizes * (e.size2[k] * e.inverse[k]);
       }
-      store(to[i] + s, e.root * gradient2 * (e.root * gradient2) * sizes / bent);
+      store(rcs[i] + s, e.root * gradient2 * (e.root * gradient2) * sizes / bent);
     });
   }
 }
@@ -166,26 +154,22 @@ struct Sight {
 
 // Amplitudes (I, P) past the ellipsoids from every point (I, P, 3) to the radar (E-08e); ellipsoids that pass[p, s]
 // hide nothing of a point.
-void sight_amplitudes(const In3<double>& points, const In3<double>& centre, const In3<double>& along,
-                      const In3<double>& across, const In2<double>& semi_axes, const In2<bool>& passes,
-                      const In1<double>& radar, double edge, const Out2<double>& amplitude) {
+void sight_amplitudes(Places points, Places centre, Places along, Places across, Rows<const double> semi_axes,
+                      Rows<const bool> passes, Line<const double> radar, double edge, Rows<double> amplitude) {
   const Bodies bodies(centre, along, across, semi_axes, radar);
-  const auto to = view_rows(amplitude);
-  const auto pass = view_rows(passes);
-  const Index n = to.width;
-  require(to.count == bodies.count && static_cast<Index>(points.shape(0)) == bodies.count &&
-              static_cast<Index>(points.shape(1)) == n && points.shape(2) == 3,
-          "points do not fit");
-  require(pass.count == n && pass.width == bodies.n && edge > 0.0, "passes do not fit");
-  std::vector<double> hides(n * bodies.n);
-  for (Index s = 0; s < bodies.n; ++s) {
-    for (Index p = 0; p < n; ++p) hides[n * s + p] = pass[p][s] ? 0.0 : 1.0;
+  const Index n = amplitude.width, n_bodies = semi_axes.count;
+  require_shape(centre.count, 3 * n, "points do not fit", points);
+  require(amplitude.count == centre.count && edge > 0.0, "amplitudes do not fit");
+  require_shape(n, n_bodies, "passes do not fit", passes);
+  std::vector<double> hides(n * n_bodies);
+  for (Index s = 0; s < n_bodies; ++s) {
+    for (Index p = 0; p < n; ++p) hides[n * s + p] = passes[p][s] ? 0.0 : 1.0;
   }
-  for (Index i = 0; i < bodies.count; ++i) {
+  for (Index i = 0; i < amplitude.count; ++i) {
     side_by_side(n, [&](auto zero, Index p) {
       using V = decltype(zero);
       Sight<V> line;
-      load_points(points.data() + 3 * (n * i + p), line.point);
+      load_points(points[i] + 3 * p, line.point);
       V square = zero;
       for (int k = 0; k < 3; ++k) {
         line.sight[k] = bodies.radar[k] - line.point[k];
@@ -194,12 +178,11 @@ void sight_amplitudes(const In3<double>& points, const In3<double>& centre, cons
       line.length = square_root(square);
       for (int k = 0; k < 3; ++k) line.sight[k] = line.sight[k] / larger(line.length, 1e-12);
       V through = zero + 1.0;
-      for (Index s = 0; s < bodies.n; ++s) {
-        const Index place = 3 * (bodies.n * i + s);
-        through = through * line.amplitude_past(bodies.centre + place, bodies.along + place, bodies.across + place,
-                                                bodies.semi_axes + 3 * s, edge, load<V>(hides.data() + n * s + p));
+      for (Index s = 0; s < n_bodies; ++s) {
+        through = through * line.amplitude_past(centre[i] + 3 * s, along[i] + 3 * s, across[i] + 3 * s, semi_axes[s],
+                                                edge, load<V>(hides.data() + n * s + p));
       }
-      store(to[i] + p, through);
+      store(amplitude[i] + p, through);
     });
   }
 }
@@ -207,12 +190,8 @@ void sight_amplitudes(const In3<double>& points, const In3<double>& centre, cons
 }  // namespace
 
 void bind(nb::module_& module) {
-  const auto centre = nb::arg("centre"), along = nb::arg("along"), across = nb::arg("across"),
-             semi_axes = nb::arg("semi_axes"), radar = nb::arg("radar");
-  module.def("see_ellipsoids", &see_ellipsoids, centre, along, across, semi_axes, radar, nb::arg("points").noconvert(),
-             nb::arg("rcs").noconvert(), Unlocked());
-  module.def("sight_amplitudes", &sight_amplitudes, nb::arg("points"), centre, along, across, semi_axes,
-             nb::arg("passes"), radar, nb::arg("edge"), nb::arg("amplitude").noconvert(), Unlocked());
+  define(module, "see_ellipsoids", &see_ellipsoids);
+  define(module, "sight_amplitudes", &sight_amplitudes);
 }
 
 }  // namespace doppelgait::occlusion

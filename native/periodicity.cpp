@@ -1,15 +1,9 @@
 // Sums over lags and harmonics of a signature (E-33).
-#include <algorithm>
-#include <complex>
-#include <vector>
-
-#include "elementary.hpp"
-#include "robust.hpp"
+#include "arrays.hpp"
 
 namespace doppelgait::periodicity {
 namespace {
 
-using robust::sum_of;
 using Sizes = Line<const Index>;
 
 // Normalised square-difference autocorrelation of rows (J, K) at the lags from `first` on. The rows lie behind each
@@ -20,9 +14,9 @@ void square_difference(Rows<const double> rows, Index first, Line<double> out) {
   double early = 0.0, late = 0.0;  // powers of the columns that have a later and an earlier one
   for (Index i = out.size - 1, before = n; i >= 0; before = first + i--) {
     const Index lag = first + i, more = (before - lag) * k;
-    early += robust::dot(rows[n - before], rows[n - before], more);
-    late += robust::dot(rows[lag], rows[lag], more);
-    const double product = robust::dot(rows[0], rows[lag], (n - lag) * k);
+    early += dot(rows[n - before], rows[n - before], more);
+    late += dot(rows[lag], rows[lag], more);
+    const double product = dot(rows[0], rows[lag], (n - lag) * k);
     out[i] = early + late > 0.0 ? 2.0 * product / (early + late) : 0.0;
   }
 }
@@ -106,7 +100,7 @@ void weigh_rows(Rows<const double> values, Sizes stops, double whitening, double
     for (Index j = 0; j < n_columns; ++j) {
       const double *column = values[j] + first, *last = before(j) + first, *by = weight.data + first;
       const Index n = stops[s] - first;
-      plain[j + 1] = plain[j] + robust::dot(column, column, n);
+      plain[j + 1] = plain[j] + dot(column, column, n);
       equal[j + 1] = equal[j] + sum_of(n, [=](auto sum, Index k) {
                        using V = decltype(sum);
                        const V white = fused(load<V>(last + k), -whitening, load<V>(column + k));
@@ -141,7 +135,7 @@ void powers_of_pairs(Rows<const double> lines, Sizes stops, Line<const double> w
       const double *from = power.data() + first, *by = weight.data + first;
       powers[2 * s][q] =
           sum_of(stops[s] - first, [=](auto sum, Index k) { return sum + load<decltype(sum)>(from + k); });
-      powers[2 * s + 1][q] = response * robust::dot(from, by, stops[s] - first);
+      powers[2 * s + 1][q] = response * dot(from, by, stops[s] - first);
     }
   }
 }
@@ -178,67 +172,61 @@ void sum_harmonics(Line<const double> values, Line<const double> place, Index co
   });
 }
 
-// What one set of rows indicates for every frequency of a grid (E-33): autocorrelations at the period, half of it, one
-// and a half and a third; powers at the frequency and at its double; logarithms. Shapes: likeness (J,); share (Q,);
-// out (9, F).
-void evidence_of_set(Line<const double> likeness, double rate_hz, Line<const double> share, double step_hz,
-                     Line<const double> grid_hz, Rows<double> out) {
-  require(likeness.size >= 2 && share.size >= 2, "an autocorrelation and a spectrum have two values or more");
-  require(out.count == 9 && out.width == grid_hz.size, "the evidence does not fit");
-  const auto last = static_cast<double>(likeness.size - 1), last_line = static_cast<double>(share.size - 1);
-  constexpr double factors[] = {1.0, 0.5, 1.5, 1.0 / 3.0};
-  side_by_side(grid_hz.size, [=](auto zero, Index i) {
-    using V = decltype(zero);
-    const V frequency = load<V>(grid_hz.data + i);
-    V found[4], power[13];
-    for (int row = 0; row < 4; ++row) {  // the highest value near each lag
-      const V lag = factors[row] * (rate_hz / frequency), low = 0.957 * lag;
-      const V step = (smaller(1.0443 * lag, last) - low) * (1.0 / 6.0);
-      V best = interpolate(likeness, smaller(low, last));
-      for (int n = 1; n < 7; ++n) {
-        const V value = interpolate(likeness, smaller(fused(step, zero + n, low), last));
-        best = value > best ? value : best;
-      }
-      found[row] = lag <= last ? best : zero;
-    }
-    V whole = zero, half = zero;
-    for (int h = 1; h <= 12; ++h) {
-      const V place = (0.5 * h / step_hz) * frequency;
-      power[h] = place < last_line ? interpolate(share, place) : zero;
-      (h % 2 ? half : whole) += power[h];
-    }
-    const V rows[] = {-logarithm(1.1 - smaller(found[0], 1.0)),
-                      found[1],
-                      found[2],
-                      found[3],
-                      power[2],
-                      power[4],
-                      logarithm(power[2] + 0.01),
-                      logarithm(whole + 0.1),
-                      logarithm(half + 0.1)};
-    for (int row = 0; row < 9; ++row) store(out[row] + i, rows[row]);
-  });
-}
-
-// The evidence of every set: likeness (S, J); share (S, Q); out (9 S, F).
+// What every set of rows indicates for every frequency of a grid (E-33): autocorrelations at the period, half of it,
+// one and a half and a third; powers at the frequency and at its double; logarithms. Shapes: likeness (S, J); share (S,
+// Q); out (9 S, F).
 void rhythm_evidence(Rows<const double> likeness, double rate_hz, Rows<const double> share, double step_hz,
                      Line<const double> grid_hz, Rows<double> out) {
-  require(share.count == likeness.count && out.count == 9 * likeness.count, "the sets do not fit");
+  require(likeness.width >= 2 && share.width >= 2, "an autocorrelation and a spectrum have two values or more");
+  require(share.count == likeness.count, "the sets do not fit");
+  require_shape(9 * likeness.count, grid_hz.size, "the evidence does not fit", out);
+  const auto last = static_cast<double>(likeness.width - 1), last_line = static_cast<double>(share.width - 1);
+  constexpr double factors[] = {1.0, 0.5, 1.5, 1.0 / 3.0};
   for (Index s = 0; s < likeness.count; ++s) {
-    evidence_of_set({likeness[s], likeness.width}, rate_hz, {share[s], share.width}, step_hz, grid_hz,
-                    out.slice(9 * s, 9 * s + 9));
+    const Line<const double> own_likeness = {likeness[s], likeness.width}, own_share = {share[s], share.width};
+    side_by_side(grid_hz.size, [=](auto zero, Index i) {
+      using V = decltype(zero);
+      const V frequency = load<V>(grid_hz.data + i);
+      V found[4], power[13];
+      for (int row = 0; row < 4; ++row) {  // the highest value near each lag
+        const V lag = factors[row] * (rate_hz / frequency), low = 0.957 * lag;
+        const V step = (smaller(1.0443 * lag, last) - low) * (1.0 / 6.0);
+        V best = interpolate(own_likeness, smaller(low, last));
+        for (int n = 1; n < 7; ++n) {
+          const V value = interpolate(own_likeness, smaller(fused(step, zero + n, low), last));
+          best = value > best ? value : best;
+        }
+        found[row] = lag <= last ? best : zero;
+      }
+      V whole = zero, half = zero;
+      for (int h = 1; h <= 12; ++h) {
+        const V place = (0.5 * h / step_hz) * frequency;
+        power[h] = place < last_line ? interpolate(own_share, place) : zero;
+        (h % 2 ? half : whole) += power[h];
+      }
+      const V rows[] = {-logarithm(1.1 - smaller(found[0], 1.0)),
+                        found[1],
+                        found[2],
+                        found[3],
+                        power[2],
+                        power[4],
+                        logarithm(power[2] + 0.01),
+                        logarithm(whole + 0.1),
+                        logarithm(half + 0.1)};
+      for (int row = 0; row < 9; ++row) store(out[9 * s + row] + i, rows[row]);
+    });
   }
 }
 
 }  // namespace
 
 void bind(nb::module_& module) {
-  define(module, "square_difference", &square_difference, "rows", "first", "out");
-  define(module, "period_harmonics", &period_harmonics, "rows", "starts", "length", "turns", "parts");
-  define(module, "weigh_rows", &weigh_rows, "values", "stops", "whitening", "weak", "pairs", "weight", "until");
-  define(module, "powers_of_pairs", &powers_of_pairs, "lines", "stops", "weight", "whitening", "powers");
-  define(module, "sum_harmonics", &sum_harmonics, "values", "place", "count", "out");
-  define(module, "rhythm_evidence", &rhythm_evidence, "likeness", "rate_hz", "share", "step_hz", "grid_hz", "out");
+  define(module, "square_difference", &square_difference);
+  define(module, "period_harmonics", &period_harmonics);
+  define(module, "weigh_rows", &weigh_rows);
+  define(module, "powers_of_pairs", &powers_of_pairs);
+  define(module, "sum_harmonics", &sum_harmonics);
+  define(module, "rhythm_evidence", &rhythm_evidence);
 }
 
 }  // namespace doppelgait::periodicity

@@ -1,9 +1,5 @@
 // Passes over planes of samples and other rows of single-precision numbers.
-#include <algorithm>
-#include <cmath>
-
 #include "arrays.hpp"
-#include "elementary.hpp"
 
 namespace doppelgait::planes {
 namespace {
@@ -37,9 +33,8 @@ void strongest_power(Plane<float> re, Plane<float> im, Line<float> out) {
 
 // Multiplies planes by complex factors, one row of them for every row or for all.
 void turn_planes(Rows<float> re, Rows<float> im, Rows<const float> u, Rows<const float> v) {
-  require(re.count == im.count && re.width == im.width && u.count == v.count && u.width == v.width &&
-              re.width == u.width && (u.count == re.count || u.count == 1),
-          "planes and factors do not fit");
+  require_shape(re.count, re.width, "planes do not fit", im);
+  require_shape(u.count == 1 ? 1 : re.count, re.width, "factors do not fit", u, v);
   for (Index n = 0; n < re.count; ++n) {
     const Index k = u.count == 1 ? 0 : n;
     multiply({re[n], re.width}, im[n], u[k], v[k], re[n], im[n]);
@@ -76,7 +71,7 @@ Index quantise_parts(Plane<float> from, Index n, double step, double lowest, dou
     for (; i + kWidth <= n; i += kWidth) {
       const Float values = load<Float>(line + i);
       beyond -= bits_of<Float>(bits_of<Int>(values) & 0x7FFFFFFF) > largest;
-      const Double a = widen(load<HalfFloat>(line + i)), b = widen(load<HalfFloat>(line + i + kHalfWidth));
+      const Double a = load_double(line + i), b = load_double(line + i + kHalfWidth);
       const Double low = spread(lowest), high = spread(highest);
       store(to[row] + i, narrow(quantise(a, low, high), quantise(b, low, high)));
     }
@@ -106,13 +101,7 @@ void rotate_parts(Plane<float> from_re, Plane<float> from_im, Line<const double>
         const double *more = phases[k] + begin, share = weights[n][k];
         for (Index i = 0; i < size; ++i) turns[i] += share * more[i];
       }
-      for (Index i = 0; i < size; i += kWidth) {
-        const Double a = load<Double>(turns + i), b = load<Double>(turns + i + kHalfWidth);
-        Float cosine, sine;
-        phasor(narrow(a - round_even(a), b - round_even(b)), cosine, sine);
-        store(cosines + i, cosine);
-        store(sines + i, sine);
-      }
+      compute_phasors(turns, size, cosines, sines);
       multiply({from_re[n] + begin, size}, from_im[n] + begin, cosines, sines, to_re[n] + begin, to_im[n] + begin);
     }
   }
@@ -121,12 +110,11 @@ void rotate_parts(Plane<float> from_re, Plane<float> from_im, Line<const double>
 }  // namespace
 
 void bind(nb::module_& module) {
-  define(module, "strongest_power", &strongest_power, "plane_re", "plane_im", "strongest");
-  define(module, "turn_planes", &turn_planes, "plane_re", "plane_im", "factor_re", "factor_im");
-  define(module, "find_largest_part", &find_largest_part, "values", "n");
-  define(module, "quantise_parts", &quantise_parts, "values", "n", "step", "lowest", "highest", "limit", "out");
-  define(module, "rotate_parts", &rotate_parts, "plane_re", "plane_im", "common", "phases", "weights", "out_re",
-         "out_im");
+  define(module, "strongest_power", &strongest_power);
+  define(module, "turn_planes", &turn_planes);
+  define(module, "find_largest_part", &find_largest_part);
+  define(module, "quantise_parts", &quantise_parts);
+  define(module, "rotate_parts", &rotate_parts);
 }
 
 }  // namespace doppelgait::planes

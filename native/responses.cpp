@@ -1,11 +1,5 @@
 // Sums of range responses of pulses, chirps and sweeps.
-#include <algorithm>
-#include <cmath>
-#include <optional>
-#include <vector>
-
 #include "arrays.hpp"
-#include "elementary.hpp"
 
 namespace doppelgait::responses {
 namespace {
@@ -27,30 +21,19 @@ struct Sums {
 };
 
 // Echoes behind a matched filter: amplitude, phase in turns, and delay and Doppler in units of the pulse's duration.
+// Delay of the first bin and spacing of the bins in pulse durations; time times bandwidth of the chirp.
 struct Pulses {
-  Pulses(Rows<const double> amplitude, Rows<const double> turns, Rows<const double> delay, Rows<const double> doppler,
-         Rows<Complex> out)
-      : amplitude(amplitude), turns(turns), delay(delay), doppler(doppler), out(out) {
-    for (const auto& rows : {amplitude, turns, delay, doppler}) {
-      require(rows.count == out.count && rows.width == amplitude.width, "echoes and pulses do not fit");
-    }
-  }
-
   Rows<const double> amplitude, turns, delay, doppler;
+  double first, step, time_bandwidth;
   Rows<Complex> out;
 };
 
-// Delay of the first bin and spacing of the bins in pulse durations; time times bandwidth of the chirp.
-struct Bins {
-  double first, step, time_bandwidth;
-};
-
 // Adds (1 - |x|) exp(j pi d x) sinc((d + b x)(1 - |x|)) for |x| < 1.
-void add_response(const Pulses& pulses, Index pulse, Index scatterer, const Bins& bins, Sums<double>& total) {
-  const double delta = pulses.doppler[pulse][scatterer], start = bins.first - pulses.delay[pulse][scatterer];
+[[gnu::noinline]] void add_response(const Pulses& pulses, Index pulse, Index scatterer, Sums<double>& total) {
+  const double delta = pulses.doppler[pulse][scatterer], start = pulses.first - pulses.delay[pulse][scatterer];
   const auto limit = [&](double n) { return static_cast<Index>(std::min(std::max(n, 0.0), double(pulses.out.width))); };
-  const Index lowest = limit(std::floor((-1.0 - start) / bins.step) + 1.0);
-  const Index stop = limit(std::ceil((1.0 - start) / bins.step));
+  const Index lowest = limit(std::floor((-1.0 - start) / pulses.step) + 1.0);
+  const Index stop = limit(std::ceil((1.0 - start) / pulses.step));
   double peak_re, peak_im;
   phasor(pulses.turns[pulse][scatterer], peak_re, peak_im);
   peak_re *= pulses.amplitude[pulse][scatterer];
@@ -58,9 +41,9 @@ void add_response(const Pulses& pulses, Index pulse, Index scatterer, const Bins
   Double lane;
   for (int n = 0; n < kHalfWidth; ++n) lane[n] = n;
   for (Index n = lowest; n < stop; n += kHalfWidth) {
-    const Double x = (static_cast<double>(n) + lane) * bins.step + start;
+    const Double x = (static_cast<double>(n) + lane) * pulses.step + start;
     const Double inside = 1.0 - (x < 0.0 ? -x : x);
-    const Double g = (delta + bins.time_bandwidth * x) * inside, angle = kPi * g;
+    const Double g = (delta + pulses.time_bandwidth * x) * inside, angle = kPi * g;
     Double cosine, sine, re, im;
     phasor(0.5 * g, cosine, sine);
     phasor(0.5 * delta * x, re, im);
@@ -77,14 +60,15 @@ struct Tabled {
   float w0, w1, w2, re, im;
 };
 
-// Responses; those of chirps that are longer than the frame from a table: for every place within a bin the response at
-// three Chebyshev nodes, over all bins. Scatterers outside it, or with much Doppler, are computed, without one all.
+// Responses of chirps that are longer than the frame come from a table: for every place within a bin the response at
+// three Chebyshev nodes, over all bins. Scatterers outside it, or with much Doppler, are computed; all without a table.
 void add_responses(Rows<const double> amplitude, Rows<const double> turns, Rows<const double> delay,
                    Rows<const double> doppler, double first, double step, double time_bandwidth, double largest_doppler,
                    Rows<Complex> out, std::optional<Rows<const float>> tabled) {
-  const Pulses pulses(amplitude, turns, delay, doppler, out);
   const auto table = tabled.value_or(Rows<const float>{});
+  const Pulses pulses = {amplitude, turns, delay, doppler, first, step, time_bandwidth, out};
   const Index n_bins = out.width, n_scatterers = amplitude.width, n_places = table.count / 3, width = table.stride;
+  require_shape(out.count, n_scatterers, "echoes and pulses do not fit", amplitude, turns, delay, doppler);
   require(
       !tabled || (n_places > 0 && table.count % 3 == 0 && n_bins > 0 && table.width >= n_bins - 1 + round_up(n_bins)),
       "the table does not fit the bins");
@@ -94,20 +78,14 @@ void add_responses(Rows<const double> amplitude, Rows<const double> turns, Rows<
   std::vector<double> rests(n_scatterers + kWidth);
   std::vector<Tabled> echoes(n_scatterers);
   std::vector<Index> others;
-  for (Index pulse = 0; pulse < pulses.out.count; ++pulse) {
-    std::copy(pulses.turns[pulse], pulses.turns[pulse] + n_scatterers, rests.begin());
-    for (Index n = 0; n < n_scatterers; n += kWidth) {
-      const Double a = load<Double>(&rests[n]), b = load<Double>(&rests[n + kHalfWidth]);
-      Float re, im;
-      phasor(narrow(a - round_even(a), b - round_even(b)), re, im);
-      store(&phasors.re[n], re);
-      store(&phasors.im[n], im);
-    }
+  for (Index pulse = 0; pulse < out.count; ++pulse) {
+    std::copy(turns[pulse], turns[pulse] + n_scatterers, rests.begin());
+    compute_phasors(rests.data(), n_scatterers, phasors.re.data(), phasors.im.data());
     Index n_echoes = 0;
     others.clear();
     for (Index scatterer = 0; scatterer < n_scatterers; ++scatterer) {
-      const double delta = pulses.doppler[pulse][scatterer];
-      const double place = (pulses.delay[pulse][scatterer] - delta / time_bandwidth - first) / step;
+      const double delta = doppler[pulse][scatterer];
+      const double place = (delay[pulse][scatterer] - delta / time_bandwidth - first) / step;
       const double whole = std::floor(place);
       if (!(tabled && whole >= 0.0 && whole < n_bins && std::fabs(delta) <= largest_doppler)) {
         others.push_back(scatterer);
@@ -116,7 +94,7 @@ void add_responses(Rows<const double> amplitude, Rows<const double> turns, Rows<
       const double fine = (place - whole) * n_places;
       const Index row = std::min(static_cast<Index>(fine), n_places - 1);
       const double u = 2.0 * (fine - row) - 1.0;
-      const float size = static_cast<float>(pulses.amplitude[pulse][scatterer]);
+      const float size = static_cast<float>(amplitude[pulse][scatterer]);
       echoes[n_echoes++] = {table[3 * row] + n_bins - 1 - static_cast<Index>(whole),
                             static_cast<float>(u * (u - node) / 1.5),
                             static_cast<float>(1.0 - u * u / 0.75),
@@ -139,15 +117,13 @@ void add_responses(Rows<const double> amplitude, Rows<const double> turns, Rows<
       store(&sums.im[n], im);
     }
     if (others.empty()) {
-      for (Index n = 0; n < n_bins; ++n) pulses.out[pulse][n] = Complex(sums.re[n], sums.im[n]);
+      for (Index n = 0; n < n_bins; ++n) out[pulse][n] = Complex(sums.re[n], sums.im[n]);
       continue;
     }
     total.clear();
-    for (const Index scatterer : others) {
-      add_response(pulses, pulse, scatterer, {first, step, time_bandwidth}, total);
-    }
+    for (const Index scatterer : others) add_response(pulses, pulse, scatterer, total);
     for (Index n = 0; n < n_bins; ++n) {
-      pulses.out[pulse][n] =
+      out[pulse][n] =
           Complex(static_cast<float>(sums.re[n] + total.re[n]), static_cast<float>(sums.im[n] + total.im[n]));
     }
   }
@@ -166,16 +142,7 @@ struct Sweep {
 
 // Amplitude, phase, bend and place of all scatterers in one sweep.
 struct Spread {
-  explicit Spread(Index n)
-      : n(n),
-        stride(n + kWidth),
-        size(stride),
-        turns(stride),
-        eta(stride),
-        bend(stride),
-        halves(stride),
-        re(kOrders * stride),
-        im(kOrders * stride) {}
+  explicit Spread(Index n) : n(n) {}
 
   // Places are taken modulo the number of samples.
   void describe(const Sweep& sweep, const double* range_m, const double* velocity_mps, const double* amplitude,
@@ -236,10 +203,11 @@ struct Spread {
     }
   }
 
-  Index n, stride;
-  std::vector<float> size, turns, eta, bend;
-  std::vector<double> halves;
-  std::vector<float> re, im;  // weights of all orders
+  using Floats = std::vector<float>;
+  Index n, stride = n + kWidth;
+  Floats size = Floats(stride), turns = size, eta = size, bend = size;
+  std::vector<double> halves = std::vector<double>(stride);
+  Floats re = Floats(kOrders * stride), im = re;  // weights of all orders
 };
 
 // Adds the responses of a block of half bins to the sums, and clears the block. Responses to even half bins begin at
@@ -267,9 +235,8 @@ void add_sweep_responses(Rows<const double> ranges, Rows<const double> speeds, R
                          std::optional<Rows<const double>> extra_rad, Line<const double> facts, Line<const float> taps,
                          Line<const float> response, Rows<const float> turns, Rows<Complex> pulses) {
   const Index n_scatterers = ranges.width, n_bins = pulses.width, n_columns = turns.width;
-  for (const auto& rows : {ranges, speeds, sizes, extra_rad.value_or(ranges)}) {
-    require(rows.count == pulses.count && rows.width == n_scatterers, "scatterers and sweeps do not fit");
-  }
+  require_shape(pulses.count, n_scatterers, "scatterers and sweeps do not fit", ranges, speeds, sizes,
+                extra_rad.value_or(ranges));
   require(facts.size * sizeof(double) == sizeof(Sweep) && facts[9] >= 1.0 && facts[9] <= 1e6,
           "eleven facts about the sweep are needed");
   Sweep sweep;
@@ -308,10 +275,8 @@ void add_sweep_responses(Rows<const double> ranges, Rows<const double> speeds, R
 }  // namespace
 
 void bind(nb::module_& module) {
-  define(module, "add_responses", &add_responses, "amplitude", "turns", "delay", "doppler", "first", "step",
-         "time_bandwidth", "largest_doppler", "out", "table");
-  define(module, "add_sweep_responses", &add_sweep_responses, "range_m", "velocity_mps", "amplitude", "extra_phase_rad",
-         "facts", "taps", "response", "turn", "out");
+  define(module, "add_responses", &add_responses);
+  define(module, "add_sweep_responses", &add_sweep_responses);
 }
 
 }  // namespace doppelgait::responses

@@ -1,10 +1,5 @@
 // Quantiles and polynomials through points with outliers (E-29, E-34), and features of envelopes and harmonics.
-#include "robust.hpp"
-
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <vector>
+#include "arrays.hpp"
 
 namespace doppelgait::robust {
 namespace {
@@ -13,36 +8,26 @@ using Values = std::vector<double>;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kDeviation = 1.4826;  // standard deviation of a normal variable over its median magnitude
 
-// A minimum or maximum: choose(best, value) in any order.
-template <typename Choose>
-double search(const double* values, Index n, double start, Choose choose) {
-  Double bests = spread(start);
-  Index i = 0;
-  for (; i + kHalfWidth <= n; i += kHalfWidth) bests = choose(bests, load<Double>(values + i));
-  double best = start;
-  for (int lane = 0; lane < kHalfWidth; ++lane) best = choose(best, bests[lane]);
-  for (; i < n; ++i) best = choose(best, values[i]);
-  return best;
-}
-
-double smallest(const double* values, Index n) {
-  return search(values, n, kInfinity, [](auto best, auto value) { return value < best ? value : best; });
-}
-
-double largest(const double* values, Index n) {
-  return search(values, n, -kInfinity, [](auto best, auto value) { return value > best ? value : best; });
-}
-
-double smallest_above(const double* values, Index n, double limit) {
-  return search(values, n, kInfinity, [limit](auto best, auto value) {
-    return (value > limit + decltype(value){}) & (value < best) ? value : best;
-  });
-}
-
 // The value at a place of the sorted values and the next one: halve the interval until it has few values, sort those.
 std::pair<double, double> find_neighbours(const double* values, Index n, Index place) {
+  const auto search = [=](double start, auto choose) {  // choose(best, value) in any order
+    Double bests = spread(start);
+    Index i = 0;
+    for (; i + kHalfWidth <= n; i += kHalfWidth) bests = choose(bests, load<Double>(values + i));
+    double best = start;
+    for (int lane = 0; lane < kHalfWidth; ++lane) best = choose(best, bests[lane]);
+    for (; i < n; ++i) best = choose(best, values[i]);
+    return best;
+  };
+  const auto find_next = [&](double limit) {
+    return search(kInfinity, [limit](auto best, auto value) {
+      return (value > limit + decltype(value){}) & (value < best) ? value : best;
+    });
+  };
   constexpr Index few = 16;
-  double low = smallest(values, n), high = largest(values, n), sorted[few + 1] = {};
+  double low = search(kInfinity, [](auto best, auto value) { return value < best ? value : best; });
+  double high = search(-kInfinity, [](auto best, auto value) { return value > best ? value : best; });
+  double sorted[few + 1] = {};
   if (!(high - low < kInfinity)) {  // infinite values: no interval to halve; NaN is put last
     Values all(values, values + n);
     std::sort(all.begin(), all.end(), [](double a, double b) { return a < b || (b != b && a == a); });
@@ -52,7 +37,7 @@ std::pair<double, double> find_neighbours(const double* values, Index n, Index p
   Index n_low = 0, n_high = n;  // values up to low and up to high
   while (n_high - n_low > few) {
     const double middle = 0.5 * (low + high);
-    if (!(low < middle && middle < high)) return {high, place + 1 < n_high ? high : smallest_above(values, n, high)};
+    if (!(low < middle && middle < high)) return {high, place + 1 < n_high ? high : find_next(high)};
     Index count = 0;
     for (Index i = 0; i < n; ++i) count += values[i] <= middle;
     (count > place ? high : low) = middle;
@@ -63,9 +48,20 @@ std::pair<double, double> find_neighbours(const double* values, Index n, Index p
     if ((values[i] > low || n_low == 0) && values[i] <= high) sorted[count++] = values[i];
   }
   std::sort(sorted, sorted + count);
-  sorted[count] = smallest_above(values, n, high);
+  sorted[count] = find_next(high);
   return {sorted[place - n_low], sorted[place - n_low + 1]};
 }
+
+// Quantile of one value or more; between two values it lies on a straight line.
+double quantile(const double* values, Index n, double share) {
+  const double place = std::min(std::max(0.0, share), 1.0) * static_cast<double>(n - 1);  // 0 for NaN
+  const auto below = static_cast<Index>(place);
+  const auto [value, after] = find_neighbours(values, n, below);
+  const double weight = place - static_cast<double>(below);
+  return weight > 0.0 ? value + weight * (after - value) : value;
+}
+
+double median(const double* values, Index n) { return quantile(values, n, 0.5); }
 
 // Solution of a positive definite system, by the lower half of the matrix; the solution replaces the right side.
 void solve(double* matrix, double* right, Index n) {
@@ -84,51 +80,42 @@ void solve(double* matrix, double* right, Index n) {
   }
 }
 
-struct Fit {
-  double least_scale, tuning;
-  Index iterations;
-
-  // Iteratively reweighted least squares with Cauchy weights. The line is that to begin with and the result.
-  void run(Rows<const double> basis, const double* values, const double* prior, const double* divisor,
-           double* __restrict line, double* coefficients) const {
-    const Index n = basis.width, n_terms = basis.count;
-    Values residuals(n), works(n), weights(n), normal(n_terms * n_terms);
-    double* __restrict residual = residuals.data();
-    double* __restrict work = works.data();
-    double* __restrict weight = weights.data();
-    for (Index round = 0; round < iterations; ++round) {
-      for (Index j = 0; j < n; ++j) residual[j] = (values[j] - line[j]) / divisor[j];
-      for (Index j = 0; j < n; ++j) work[j] = std::fabs(residual[j]);
-      const double inverse = 1.0 / (tuning * std::max(kDeviation * median(work, n), least_scale));
-      for (Index j = 0; j < n; ++j) {
-        const double r = residual[j] * inverse;
-        weight[j] = prior[j] / (1.0 + r * r);
-        line[j] = 0.0;
-      }
-      for (Index p = 0; p < n_terms; ++p) {
-        const double* term = basis[p];
-        for (Index j = 0; j < n; ++j) work[j] = term[j] * weight[j];
-        for (Index q = 0; q <= p; ++q) normal[p * n_terms + q] = dot(work, basis[q], n);
-        coefficients[p] = dot(work, values, n);
-      }
-      solve(normal.data(), coefficients, n_terms);
-      for (Index p = 0; p < n_terms; ++p) {
-        const double c = coefficients[p], *term = basis[p];
-        for (Index j = 0; j < n; ++j) line[j] = fused(c, term[j], line[j]);
-      }
+// Iteratively reweighted least squares with Cauchy weights. The line is that to begin with and the result. Shapes:
+// basis (P, J); values, prior, divisor, line (J,); coefficients (P,).
+void robust_fit(Rows<const double> basis, Line<const double> values, Line<const double> prior,
+                Line<const double> divisor, double least_scale, double tuning, Index iterations, Line<double> fitted,
+                Line<double> coefficients) {
+  const Index n = basis.width, n_terms = basis.count;
+  for (const Index size : {values.size, prior.size, divisor.size, fitted.size}) {
+    require(size == n && size > 0, "a fit needs values, priors, divisors and a line for every column");
+  }
+  require(coefficients.size == n_terms, "coefficients do not fit the basis");
+  Values residuals(n), works(n), weights(n), normal(n_terms * n_terms);
+  double* __restrict residual = residuals.data();
+  double* __restrict work = works.data();
+  double* __restrict weight = weights.data();
+  double* __restrict line = fitted.data;
+  for (Index round = 0; round < iterations; ++round) {
+    for (Index j = 0; j < n; ++j) residual[j] = (values[j] - line[j]) / divisor[j];
+    for (Index j = 0; j < n; ++j) work[j] = std::fabs(residual[j]);
+    const double inverse = 1.0 / (tuning * std::max(kDeviation * median(work, n), least_scale));
+    for (Index j = 0; j < n; ++j) {
+      const double r = residual[j] * inverse;
+      weight[j] = prior[j] / (1.0 + r * r);
+      line[j] = 0.0;
+    }
+    for (Index p = 0; p < n_terms; ++p) {
+      const double* term = basis[p];
+      for (Index j = 0; j < n; ++j) work[j] = term[j] * weight[j];
+      for (Index q = 0; q <= p; ++q) normal[p * n_terms + q] = dot(work, basis[q], n);
+      coefficients[p] = dot(work, values.data, n);
+    }
+    solve(normal.data(), coefficients.data, n_terms);
+    for (Index p = 0; p < n_terms; ++p) {
+      const double c = coefficients[p], *term = basis[p];
+      for (Index j = 0; j < n; ++j) line[j] = fused(c, term[j], line[j]);
     }
   }
-};
-
-// Shapes: basis (P, J); values, prior, divisor, line (J,); coefficients (P,).
-void robust_fit(Rows<const double> basis, Line<const double> values, Line<const double> prior,
-                Line<const double> divisor, double least_scale, double tuning, Index iterations, Line<double> line,
-                Line<double> coefficients) {
-  for (const Index size : {values.size, prior.size, divisor.size, line.size}) {
-    require(size == basis.width && size > 0, "a fit needs values, priors, divisors and a line for every column");
-  }
-  require(coefficients.size == basis.count, "coefficients do not fit the basis");
-  Fit{least_scale, tuning, iterations}.run(basis, values.data, prior.data, divisor.data, line.data, coefficients.data);
 }
 
 // Variance of the cells of the chosen rows k, in every n-th column of (J, K).
@@ -213,13 +200,10 @@ void oscillating_power(Line<const double> cadence, Rows<const double> map, doubl
     if (1.0 < turns && turns < 4.0 && std::fabs(turns - std::floor(turns) - 0.5) <= 0.2) between.push_back(q);
   }
   const auto n_between = static_cast<Index>(between.size());
-  Values squares(n_rows * n_between), noise(n_rows), peaks(n_rows);
-  for (Index n = 0; n < n_between; ++n) {
-    const double* row = map[between[n]];
-    for (Index k = 0; k < n_rows; ++k) squares[k * n_between + n] = row[k] * row[k];
-  }
+  Values squares(n_between), noise(n_rows), peaks(n_rows);
   for (Index k = 0; n_between && k < n_rows; ++k) {
-    noise[k] = median(squares.data() + k * n_between, n_between) / 0.693147180559945309;  // of exponential variables
+    for (Index n = 0; n < n_between; ++n) squares[n] = map[between[n]][k] * map[between[n]][k];
+    noise[k] = median(squares.data(), n_between) / 0.693147180559945309;  // of exponential variables
   }
   out[0] = out[1] = 0.0;
   for (int harmonic = 1; harmonic < 4; ++harmonic) {
@@ -247,24 +231,12 @@ double quantile_of(Line<const double> values, double share) {
 
 }  // namespace
 
-double quantile(const double* values, Index n, double share) {
-  const double place = std::min(std::max(0.0, share), 1.0) * static_cast<double>(n - 1);  // 0 for NaN
-  const auto below = static_cast<Index>(place);
-  const auto [value, after] = find_neighbours(values, n, below);
-  const double weight = place - static_cast<double>(below);
-  return weight > 0.0 ? value + weight * (after - value) : value;
-}
-
 void bind(nb::module_& module) {
-  define(module, "quantile", &quantile_of, "values", "share");
-  define(module, "robust_fit", &robust_fit, "basis", "values", "prior", "divisor", "least_scale", "tuning",
-         "iterations", "line", "coefficients");
-  define(module, "variance_of_rows", &variance_of_rows<float>, "values", "chosen", "every");
-  define(module, "variance_of_rows", &variance_of_rows<double>, "values", "chosen", "every");
-  define(module, "edge_statistics", &edge_statistics, "low", "high", "line", "direction", "low_share", "high_share",
-         "result");
-  define(module, "oscillating_power", &oscillating_power, "cadence_hz", "values", "frequency_hz", "near_share",
-         "near_hz", "result");
+  define(module, "quantile", &quantile_of);
+  define(module, "robust_fit", &robust_fit);
+  define(module, "variance_of_rows", &variance_of_rows<float>, &variance_of_rows<double>);
+  define(module, "edge_statistics", &edge_statistics);
+  define(module, "oscillating_power", &oscillating_power);
 }
 
 }  // namespace doppelgait::robust

@@ -3,19 +3,17 @@
 // A lane is a column of the signature. The transform is decimation in frequency, in place: a windowed first pass,
 // passes of radix 4 or 2 where the length asks for them, and a last pass of radix 16 that adds squared magnitudes.
 // Lengths of 48 to 256 have two passes. Bins come out in the order of their digits and are sorted as they are stored.
-#include <algorithm>
-#include <vector>
-
 #include "arrays.hpp"
-#include "lanes.hpp"
 
 namespace doppelgait::signature {
 namespace {
 
 constexpr int kLanes = 16;  // columns whose pulses are gathered together, at every level
 constexpr int kGroups = kLanes / kWidth;
-constexpr int kLast = 16;                           // radix of the last pass
-constexpr int kFirst[] = {16, 12, 10, 8, 5, 4, 3};  // radices of the first pass, the preferred one first
+constexpr int kLast = 16;  // radix of the last pass
+template <int... radix>
+using Radices = std::integer_sequence<int, radix...>;
+constexpr Radices<16, 12, 10, 8, 5, 4, 3> kFirst;  // radices of the first pass, the preferred one first
 constexpr float kRootHalf = 0.70710678f, kC22 = 0.92387953f, kS22 = 0.38268343f, kS60 = 0.86602540f;
 constexpr float kC72 = 0.30901699f, kS72 = 0.95105652f, kC144 = -0.80901699f, kS144 = 0.58778525f;
 
@@ -65,6 +63,11 @@ inline void transform(Value& a, Value& b, Value& c, Value& d, Value& e) {  // by
 
 template <int radix>
 inline void transform(Value* z) {
+  if constexpr (radix == 2) {
+    const Value sum = z[0] + z[1];
+    z[1] = z[0] - z[1];
+    z[0] = sum;
+  }
   if constexpr (radix == 3) transform(z[0], z[1], z[2]);
   if constexpr (radix == 4) transform(z[0], z[1], z[2], z[3]);
   if constexpr (radix == 5) transform(z[0], z[1], z[2], z[3], z[4]);
@@ -115,20 +118,13 @@ inline void transform(Value* z) {
   }
 }
 
-// Radices, factors exp(-j 2 pi n / K) and, for bins in ascending order, where their power lies; for one length.
-struct Plan {
-  explicit Plan(Index length);
-
-  std::vector<int> radices;  // of all but the last pass; empty if the length has no passes
-  std::vector<float> cosine, sine;
-  std::vector<Index> order;
-};
-
-std::vector<int> find_radices(Index length) {
-  for (const int first : kFirst) {
-    Index middle = length / kLast / first;
-    if (middle * kLast * first != length || (middle & (middle - 1)) || middle < 1) continue;
-    std::vector<int> radices = {first};
+// Radices of all but the last pass; empty if the length has no passes.
+template <int... first>
+std::vector<int> find_radices(Index length, Radices<first...>) {
+  for (const int radix : {first...}) {
+    Index middle = length / kLast / radix;
+    if (middle * kLast * radix != length || (middle & (middle - 1)) || middle < 1) continue;
+    std::vector<int> radices = {radix};
     for (; middle % 4 == 0; middle /= 4) radices.push_back(4);
     if (middle == 2) radices.push_back(2);
     return radices;
@@ -136,12 +132,45 @@ std::vector<int> find_radices(Index length) {
   return {};
 }
 
-Plan::Plan(Index length) : radices(find_radices(length)) {
-  if (radices.empty()) return;
+bool has_passes(Index length) { return !find_radices(length, kFirst).empty(); }
+
+struct Transform {
+  Transform(Index length, Index hop, Line<const float> window);
+
+  template <int radix>
+  [[gnu::noinline]] void first_pass(int lane);  // every one has the registers for itself
+  template <int radix>
+  void middle_pass(Index size);
+  void last_pass(Float weight, Float* power);
+  void gather(const float* plane, Index n_pulses, Index start, float* to) const;
+  template <int... radix>
+  void add_power(int lane, Float weight, Float* power, Radices<radix...>);
+
+  Index length, hop, spread;  // a column is one pulse further in the gathered pulses
+  Line<const float> window;
+  std::vector<int> radices;
+  std::vector<float> cosine, sine;  // factors exp(-j 2 pi n / K)
+  std::vector<Index> order;         // where the power of bins in ascending order lies
+  std::vector<Index> place;
+  std::vector<float> pulses_re, pulses_im;
+  std::vector<Value> values;
+};
+
+Transform::Transform(Index length, Index hop, Line<const float> window)
+    : length(length),
+      hop(hop),
+      spread(kLanes + (length - 1) / hop + 1),
+      window(window),
+      radices(find_radices(length, kFirst)),
+      order(length),
+      pulses_re(std::min(hop, length) * spread),
+      pulses_im(pulses_re.size()),
+      values(length) {
   const double step = 6.283185307179586 / static_cast<double>(length);
   for (Index n = 0; n < length; ++n) {
     cosine.push_back(static_cast<float>(std::cos(step * static_cast<double>(n))));
     sine.push_back(static_cast<float>(std::sin(step * static_cast<double>(n))));
+    place.push_back(n % hop * spread + n / hop);
   }
   std::vector<Index> bins = {0};
   const auto append = [&bins](Index weight, Index radix) {
@@ -154,35 +183,7 @@ Plan::Plan(Index length) : radices(find_radices(length)) {
   for (std::size_t i = 1; i < radices.size(); weight *= radices[i++]) append(weight, radices[i]);
   append(1, radices[0]);
   append(weight, kLast);
-  order.resize(length);
   for (Index i = 0; i < length; ++i) order[(bins[i] + length / 2) % length] = i * kWidth;
-}
-
-struct Transform {
-  Transform(Index length, Index hop, Line<const float> window);
-
-  template <int radix>
-  void first_pass(int lane);
-  template <int radix>
-  void middle_pass(Index size);
-  void last_pass(Float weight, Float* power);
-  void gather(const float* plane, Index n_pulses, Index start, float* to) const;
-  void add_power(int lane, Float weight, Float* power);
-
-  Index length, hop, spread;  // a column is one pulse further in the gathered pulses
-  Line<const float> window;
-  Plan plan;
-  std::vector<Index> place;
-  std::vector<float> pulses_re, pulses_im;
-  std::vector<Value> values;
-};
-
-Transform::Transform(Index length, Index hop, Line<const float> window)
-    : length(length), hop(hop), spread(kLanes + (length - 1) / hop + 1), window(window), plan(length) {
-  for (Index m = 0; m < length; ++m) place.push_back(m % hop * spread + m / hop);
-  pulses_re.resize(std::min(hop, length) * spread);
-  pulses_im.resize(pulses_re.size());
-  values.resize(length);
 }
 
 // Pulses of a bin by their remainder modulo hop: columns then lie side by side. Outside the recording they are zero.
@@ -207,7 +208,7 @@ template <int radix>
 void Transform::first_pass(int lane) {
   const Index n = length / radix;
   const float *re = pulses_re.data() + lane, *im = pulses_im.data() + lane;
-  const float *cosine = plan.cosine.data(), *sine = plan.sine.data(), *weight = window.data;
+  const float *cosine = this->cosine.data(), *sine = this->sine.data(), *weight = window.data;
   const Index* at = place.data();
   Value* to = values.data();
   for (Index p = 0; p < n; ++p) {
@@ -224,28 +225,22 @@ void Transform::first_pass(int lane) {
 
 template <int radix>
 void Transform::middle_pass(Index size) {  // of blocks of ``size`` runs
-  const Index run = plan.radices[0], step = length / size, apart = size / radix * run;
+  const Index run = radices[0], step = length / size, apart = size / radix * run;
   for (Index begin = 0; begin < length; begin += size * run) {
     for (Index p = 0; p < size / radix; ++p) {
       for (Index i = begin + p * run; i < begin + (p + 1) * run; ++i) {
         Value z[radix];
         for (int k = 0; k < radix; ++k) z[k] = values[i + k * apart];
-        if constexpr (radix == 4) {
-          transform<4>(z);
-        } else {
-          z[1] = z[0] - z[1];
-          z[0] = z[0] + values[i + apart];
-        }
+        transform<radix>(z);
         values[i] = z[0];
-        for (int k = 1; k < radix; ++k)
-          values[i + k * apart] = turn(z[k], plan.cosine[k * p * step], plan.sine[k * p * step]);
+        for (int k = 1; k < radix; ++k) values[i + k * apart] = turn(z[k], cosine[k * p * step], sine[k * p * step]);
       }
     }
   }
 }
 
 void Transform::last_pass(Float weight, Float* power) {
-  const Index run = plan.radices[0];
+  const Index run = radices[0];
   const Value* from = values.data();
   for (Index begin = 0; begin < length; begin += kLast * run, from += (kLast - 1) * run) {
     for (Index first = 0; first < run; ++first, ++from, power += kLast) {
@@ -260,42 +255,31 @@ void Transform::last_pass(Float weight, Float* power) {
 }
 
 // Adds the weighted power of columns from ``lane`` on.
-void Transform::add_power(int lane, Float weight, Float* power) {
-  switch (plan.radices[0]) {
-    case 3:
-      first_pass<3>(lane);
-      break;
-    case 4:
-      first_pass<4>(lane);
-      break;
-    case 5:
-      first_pass<5>(lane);
-      break;
-    case 8:
-      first_pass<8>(lane);
-      break;
-    case 10:
-      first_pass<10>(lane);
-      break;
-    case 12:
-      first_pass<12>(lane);
-      break;
-    default:
-      first_pass<16>(lane);
-  }
-  Index size = length / plan.radices[0];
-  for (std::size_t i = 1; i < plan.radices.size(); size /= plan.radices[i++]) {
-    plan.radices[i] == 4 ? middle_pass<4>(size) : middle_pass<2>(size);
+template <int... radix>
+void Transform::add_power(int lane, Float weight, Float* power, Radices<radix...>) {
+  ((radix == radices[0] ? first_pass<radix>(lane) : void()), ...);
+  Index size = length / radices[0];
+  for (std::size_t i = 1; i < radices.size(); size /= radices[i++]) {
+    radices[i] == 4 ? middle_pass<4>(size) : middle_pass<2>(size);
   }
   last_pass(weight, power);
 }
 
 // mu_(j,k) = sum over n of g_(j,n) |sum over m of w_m Y_(i_j + m - h, n) exp(-j 2 pi k m / K)|^2, Doppler bins in
 // ascending order; g_(j,n) is the share of bin n's cell (n - 1/2 to n + 1/2) between low_j and high_j (E-24, E-27).
-void fill_signature(Rows<const float> re, Rows<const float> im, Index n_pulses, Index start, Transform& transform,
-                    Line<const double> low, Line<const double> high, Rows<float> out) {
+void gated_signature(Plane<float> re, Plane<float> im, Index n_pulses, Index first_pulse, Index hop,
+                     Line<const float> window, Line<const double> low, Line<const double> high, Rows<float> out) {
+  require_shape(re.count, re.width, "two planes of one shape are needed", im);
+  require(n_pulses >= 0 && n_pulses <= re.width, "there are fewer pulses");
+  require(window.size == out.width && has_passes(out.width),
+          "the window must be as long as the transform, which must have passes");
+  require(low.size == out.count && high.size == out.count, "every column needs both edges of its gate");
+  const double reach = static_cast<double>(hop) * static_cast<double>(out.count + out.width + 2 * kLanes);
+  require(hop >= 1 && std::abs(static_cast<double>(first_pulse)) + reach <= 1e18,
+          "hop and first pulse must be numbers of pulses");
+  Transform transform(out.width, hop, window);
   const auto n_bins = static_cast<double>(re.count);
-  const Index* order = transform.plan.order.data();
+  const Index* order = transform.order.data();
   std::vector<Float> power(kGroups * out.width);
   for (Index block = 0; block < out.count; block += kLanes) {
     const Index count = std::min<Index>(kLanes, out.count - block);
@@ -305,8 +289,8 @@ void fill_signature(Rows<const float> re, Rows<const float> im, Index n_pulses, 
     const auto first = static_cast<Index>(std::min(n_bins, std::max(0.0, std::floor(*low_min - 0.5) + 1.0)));
     const auto stop = static_cast<Index>(std::min(n_bins, std::max(0.0, std::ceil(*high_max + 0.5))));
     for (Index n = first; n < stop; ++n) {
-      transform.gather(re[n], n_pulses, start + block * transform.hop, transform.pulses_re.data());
-      transform.gather(im[n], n_pulses, start + block * transform.hop, transform.pulses_im.data());
+      transform.gather(re[n], n_pulses, first_pulse + block * hop, transform.pulses_re.data());
+      transform.gather(im[n], n_pulses, first_pulse + block * hop, transform.pulses_im.data());
       const double below = static_cast<double>(n) - 0.5, above = below + 1.0;
       float weights[kLanes];  // every column has its own gate
       for (Index lane = 0; lane < kLanes; ++lane) {
@@ -314,7 +298,8 @@ void fill_signature(Rows<const float> re, Rows<const float> im, Index n_pulses, 
         weights[lane] = static_cast<float>(std::max(0.0, std::min(high[j], above) - std::max(low[j], below)));
       }
       for (int group = 0; group < kGroups; ++group) {
-        transform.add_power(group * kWidth, load<Float>(weights + group * kWidth), power.data() + group * out.width);
+        transform.add_power(group * kWidth, load<Float>(weights + group * kWidth), power.data() + group * out.width,
+                            kFirst);
       }
     }
     for (Index lane = 0; lane < count; ++lane) {
@@ -325,32 +310,11 @@ void fill_signature(Rows<const float> re, Rows<const float> im, Index n_pulses, 
   }
 }
 
-void gated_signature(const Planes<float>& plane_re, const Planes<float>& plane_im, Index n_pulses, Index first_pulse,
-                     Index hop, const In1<float>& window, const In1<double>& low, const In1<double>& high,
-                     const Out2<float>& out) {
-  const auto re = view_rows(plane_re), im = view_rows(plane_im);
-  const auto to = view_rows(out);
-  const auto taps = view_line(window);
-  if (im.count != re.count || im.width != re.width || n_pulses < 0 || n_pulses > re.width)
-    throw std::invalid_argument("two planes of one shape with all pulses are needed");
-  if (taps.size != to.width || find_radices(to.width).empty())
-    throw std::invalid_argument("the window must be as long as the transform, which must have passes");
-  if (view_line(low).size != to.count || view_line(high).size != to.count)
-    throw std::invalid_argument("every column needs both edges of its gate");
-  const double reach = static_cast<double>(hop) * static_cast<double>(to.count + to.width + 2 * kLanes);
-  if (hop < 1 || std::abs(static_cast<double>(first_pulse)) + reach > 1e18)
-    throw std::invalid_argument("hop and first pulse must be numbers of pulses");
-  Transform transform(to.width, hop, taps);
-  fill_signature(re, im, n_pulses, first_pulse, transform, view_line(low), view_line(high), to);
-}
-
 }  // namespace
 
 void bind(nb::module_& module) {
-  module.def("gated_signature", &gated_signature, nb::arg("plane_re"), nb::arg("plane_im"), nb::arg("n_pulses"),
-             nb::arg("first_pulse"), nb::arg("hop"), nb::arg("window"), nb::arg("low"), nb::arg("high"),
-             nb::arg("out").noconvert(), Unlocked());
-  module.def("has_passes", [](Index length) { return !find_radices(length).empty(); }, nb::arg("length"));
+  define(module, "gated_signature", &gated_signature);
+  define(module, "has_passes", &has_passes);
 }
 
 }  // namespace doppelgait::signature

@@ -2,14 +2,7 @@
 //
 // The sample of every frame and bin is computed by itself, from the numbers of its own frame and in the order of the
 // scatterers, so that no byte depends on how frames are cut into tiles.
-#include <algorithm>
-#include <cmath>
-#include <optional>
-#include <vector>
-
 #include "arrays.hpp"
-#include "elementary.hpp"
-#include "lanes.hpp"
 
 namespace doppelgait::synthesis {
 namespace {
@@ -54,10 +47,9 @@ struct Block {
 struct Scatterers {
   Scatterers(Plane<double> range_m, Plane<double> amplitude, std::optional<Plane<double>> extra_phase_rad)
       : range_m(range_m), amplitude(amplitude), extra_phase_rad(extra_phase_rad), silence(range_m.width) {
-    for (const auto& other : {amplitude, extra_phase_rad.value_or(amplitude)}) {
-      require(other.count == range_m.count && other.width == range_m.width,
-              "range, amplitude and extra phase of the scatterers need the same shape");
-    }
+    require_shape(range_m.count, range_m.width,
+                  "range, amplitude and extra phase of the scatterers need the same shape", amplitude,
+                  extra_phase_rad.value_or(amplitude));
   }
 
   Plane<double> range_m, amplitude;
@@ -273,10 +265,9 @@ void split_planes(Plane<Complex> matrix, Rows<float> re, Rows<float> im) {
 }  // namespace
 
 void bind(nb::module_& module) {
-  define(module, "echo_planes", &echo_planes, "range_m", "amplitude", "first_bin_m", "bin_spacing_m", "pulse_sigma_m",
-         "wavelength_m", "phase_rad", "plane_re", "plane_im", "extra_phase_rad");
-  define(module, "join_planes", &join_planes, "plane_re", "plane_im", "out");
-  define(module, "split_planes", &split_planes, "matrix", "plane_re", "plane_im");
+  define(module, "echo_planes", &echo_planes);
+  define(module, "join_planes", &join_planes);
+  define(module, "split_planes", &split_planes);
 }
 
 }  // namespace doppelgait::synthesis

@@ -1,9 +1,5 @@
 // Sums of complex tones with quadratic phase: of frequency-swept radars, and along the limbs of bodies (E-08h).
-#include <algorithm>
-#include <vector>
-
 #include "arrays.hpp"
-#include "elementary.hpp"
 
 namespace doppelgait::tones {
 namespace {
@@ -43,9 +39,7 @@ struct Tone {
 
 void add_tones(Rows<const double> sizes, Rows<const double> starts, Rows<const double> slopes, Rows<const double> bends,
                Rows<Complex> sweeps) {
-  for (const auto& rows : {sizes, starts, slopes, bends}) {
-    require(rows.count == sweeps.count && rows.width == sizes.width, "tones and sweeps do not fit");
-  }
+  require_shape(sweeps.count, sizes.width, "tones and sweeps do not fit", sizes, starts, slopes, bends);
   const Index n_samples = sweeps.width;
   const double first = -0.5 * static_cast<double>(n_samples - 1);
   std::vector<double> re(n_samples * kWidth), im(n_samples * kWidth);
@@ -104,8 +98,8 @@ void line_fields(Line<const double> turns, Line<const double> bends, Line<const 
 }  // namespace
 
 void bind(nb::module_& module) {
-  define(module, "add_tones", &add_tones, "amplitude", "turns", "turns_per_sample", "turns_per_sample2", "out");
-  define(module, "line_fields", &line_fields, "turns", "bends", "profile_re", "profile_im", "real", "imaginary");
+  define(module, "add_tones", &add_tones);
+  define(module, "line_fields", &line_fields);
 }
 
 }  // namespace doppelgait::tones

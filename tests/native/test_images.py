@@ -16,13 +16,11 @@ def test_ranges_of_images_are_those_of_mirrored_points(n):
     times = np.linspace(0.0, 29 * step_s, 200)
     height, rate = np.empty((2, 200, n))
     native.positions_and_velocities(knots, moments, step_s, times, height, rate)
-    direct_m, direct_mps = rng.uniform(2.0, 5.0, (200, n + 2)), rng.normal(size=(200, n + 2))
     range_m, velocity_mps = np.full((2, 200, 3 * n + 1), np.nan)
-    native.image_ranges(
-        knots, moments, step_s, times, direct_m, direct_mps, 2, radar_m, n, 2 * n + 1, range_m, velocity_mps
-    )
+    near_m, near_mps = rng.uniform(2.0, 5.0, (200, n)), rng.normal(size=(200, n))
+    range_m[:, :n], velocity_mps[:, :n] = near_m, near_mps
+    native.image_ranges(knots, moments, step_s, times, 0, radar_m, n, 2 * n + 1, range_m, velocity_mps)
     rate, height = np.where(height > 0.0, rate, 0.0), np.maximum(height, 0.0)
-    near_m, near_mps = direct_m[:, 2:], direct_mps[:, 2:]
     level_2 = near_m**2 - (height - radar_m) ** 2  # squared distance along the plane
     far_m = np.sqrt(level_2 + (height + radar_m) ** 2)
     far_mps = (near_m * near_mps - 2.0 * radar_m * rate) / far_m
@@ -32,5 +30,5 @@ def test_ranges_of_images_are_those_of_mirrored_points(n):
     np.testing.assert_allclose(velocity_mps[:, one], (near_mps + far_mps) / 2.0, atol=1e-12)
     np.testing.assert_allclose(velocity_mps[:, two], far_mps, atol=1e-12)
     assert (height == 0.0).any()
-    assert np.isnan(range_m[:, :n]).all()
+    assert (range_m[:, :n] == near_m).all()
     assert np.isnan(range_m[:, 2 * n]).all()

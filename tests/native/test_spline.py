@@ -51,7 +51,7 @@ def test_ranges_approach_speeds_angles_of_sight_and_aspect(n_points):
     assert np.isfinite(aspect_rad).any()
     assert np.isnan(aspect_rad).any()
     only = np.empty_like(azimuth_rad), np.empty_like(elevation_rad)
-    native.angles_of_sight(values, moments, STEP_S, times, origin, *only, 200.0)
+    native.angles_of_sight(values, moments, STEP_S, times, origin, *only, 200.0, None)
     np.testing.assert_array_equal(only, angles)
 
 
@@ -62,11 +62,11 @@ def test_angles_of_all_directions(n_points):
         points = scale * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1)
         values, times = points.reshape(-1, 3 * n_points), np.arange(990.0 / n_points)
         azimuth_rad, elevation_rad = np.empty((2, times.size, n_points))
-        native.angles_of_sight(values, 0.0 * values, 1.0, times, np.zeros(3), azimuth_rad, elevation_rad, 1.0)
+        native.angles_of_sight(values, 0.0 * values, 1.0, times, np.zeros(3), azimuth_rad, elevation_rad, 1.0, None)
         np.testing.assert_allclose(azimuth_rad, np.arctan2(values[:, 1::3], values[:, 0::3]), rtol=1e-15, atol=4e-16)
         assert not elevation_rad.any()
     origin = np.zeros((4, 3 * n_points))
     azimuth_rad, elevation_rad = np.empty((2, 4, n_points))
-    native.angles_of_sight(origin, origin, 1.0, np.arange(4.0), np.zeros(3), azimuth_rad, elevation_rad, 1.0)
+    native.angles_of_sight(origin, origin, 1.0, np.arange(4.0), np.zeros(3), azimuth_rad, elevation_rad, 1.0, None)
     assert not azimuth_rad.any()
     assert not elevation_rad.any()

@@ -471,7 +471,7 @@ def _fill_images(
                 source, first = int(sources[run[0]]), mirror.first + int(run[0])
                 chosen = slice(source - column, sources[run[-1]] - column + 1)
                 above = heights[:, chosen] + from_plane, moments[:, chosen], spline.step_s
-                native.image_ranges(*above, times_s, *out, source, distance_m, first, first + size, *out)
+                native.image_ranges(*above, times_s, source, distance_m, first, first + size, *out)
             column += heights.shape[1]
 
 

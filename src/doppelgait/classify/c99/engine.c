@@ -25,8 +25,7 @@ static void log_softmax(float *scores)
     float highest = scores[0], sum = 0.0f;
     int k;
     for (k = 1; k < DG_CLASSES; k++)
-        if (scores[k] > highest)
-            highest = scores[k];
+        highest = scores[k] > highest ? scores[k] : highest;
     for (k = 0; k < DG_CLASSES; k++)
         sum += expf(scores[k] - highest);
     for (k = 0; k < DG_CLASSES; k++)
@@ -388,15 +387,14 @@ int dg_push(dg_radar *radar, const float *samples)
 static void add_window(dg_radar *radar)
 {
     float *picture = layer_even, top = 0.0f, way = 0.0f;
+    const float *cells = &radar->columns[0][0][0];
     int c, v, s, seen = 0, oldest = radar->age % DG_COLUMNS;
     radar->last.decided = 0;
+    for (c = 0; c < DG_COLUMNS * DG_VELOCITIES * DG_SLICES; c++)
+        top = cells[c] > top ? cells[c] : top;
     for (c = 0; c < DG_COLUMNS; c++) {
         seen += radar->found[c];
         way += radar->approach[c];
-        for (v = 0; v < DG_VELOCITIES; v++)
-            for (s = 0; s < DG_SLICES; s++)
-                if (radar->columns[c][v][s] > top)
-                    top = radar->columns[c][v][s];
     }
     if (seen < DG_LEAST_FOUND || fabsf(way) > DG_MOST_MPS * DG_COLUMNS || !(top > 0.0f))
         return;
