@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +27,10 @@ CLASSES = ("human", "dog")
 LARGE = "large"
 """Class of horses and cows."""
 ATTEMPTS = 40
-LARGE_BUILDS, LARGE_M = ("horse", "cow"), (1.2, 1.7)
-"""Builds of large quadrupeds and the heights of their withers."""
-SLOWEST_LARGE_MPS = 0.9
-"""Not every such animal of the model can walk slower. A slower one is this walk, slowed, so that the law of speeds
-stays."""
+DOGS = [name for name, build in BUILDS.items() if build.species == "dog"]
+QUADRUPEDS = {"dog": (DOGS, (0.25, 0.75), 3.0, 45.0, 0.0), LARGE: (["horse", "cow"], (1.2, 1.7), 1.5, 30.0, 0.9)}
+"""Builds, heights of the withers, most of rate (Hz) and sweep (deg) of the tail, and the slowest walk (m/s): not every
+large animal of the model can walk slower. A slower one is this walk, slowed, so that the law of speeds stays."""
 RATE_HZ = 150.0
 
 
@@ -54,37 +54,24 @@ def person(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion
     return human_gait(speed_mps=speed_mps, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
 
 
-def dog(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
-    """Sample a dog of any size and build in a gait that is possible at its speed."""
-    breeds = [name for name, build in BUILDS.items() if build.species == "dog"]
+def quadruped(label: str, speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
+    """Sample a dog, or a horse or a cow, of any size and build in a gait that is possible at its speed."""
+    builds, withers_m, tail_hz, tail_deg, slowest_mps = QUADRUPEDS[label]
+    slower = speed_mps / max(speed_mps, slowest_mps)
     style: dict[str, Any] = {
-        "start_phase": float(rng.random()), "build": breeds[rng.integers(len(breeds))],
-        "withers_m": float(rng.uniform(0.25, 0.75)),
+        "start_phase": float(rng.random()), "build": builds[rng.integers(len(builds))],
+        "withers_m": float(rng.uniform(*withers_m)),
         "gait": "auto" if rng.random() < 0.6 else list(GAITS)[rng.integers(len(GAITS))],
         "stride_variation": float(rng.uniform(0, 0.04)), "asymmetry": float(rng.uniform(-0.03, 0.03)),
         "pace_sd": float(rng.uniform(0, 0.1)),
-        "tail_frequency_hz": float(rng.uniform(0, 3)), "tail_sweep_deg": float(rng.uniform(0, 45)),
-    }  # fmt: skip
-    return quadruped_gait(speed_mps=speed_mps, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
-
-
-def large(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
-    """Sample a horse or a cow in a gait of its speed."""
-    slower = min(speed_mps / SLOWEST_LARGE_MPS, 1.0)
-    style: dict[str, Any] = {
-        "start_phase": float(rng.random()), "build": LARGE_BUILDS[rng.integers(2)],
-        "withers_m": float(rng.uniform(*LARGE_M)),
-        "gait": "auto" if rng.random() < 0.6 else list(GAITS)[rng.integers(len(GAITS))],
-        "stride_variation": float(rng.uniform(0, 0.04)), "asymmetry": float(rng.uniform(-0.03, 0.03)),
-        "pace_sd": float(rng.uniform(0, 0.1)),
-        "tail_frequency_hz": float(rng.uniform(0, 1.5)), "tail_sweep_deg": float(rng.uniform(0, 30)),
+        "tail_frequency_hz": float(rng.uniform(0, tail_hz)), "tail_sweep_deg": float(rng.uniform(0, tail_deg)),
     }  # fmt: skip
     motion = quadruped_gait(speed_mps=speed_mps / slower, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
     return motion if slower == 1 else hurried(motion, seconds, lambda times_s: np.full_like(times_s, slower))
 
 
 Maker = Callable[..., Motion]
-MAKERS: dict[str, Maker] = {"human": person, "dog": dog, LARGE: large}
+MAKERS: dict[str, Maker] = {"human": person, **{label: partial(quadruped, label) for label in QUADRUPEDS}}
 
 
 def until_possible(make: Callable[[], Motion]) -> Motion:

@@ -1,5 +1,7 @@
 """Scores against hand-computed values, scikit-learn and SciPy; calibration; intervals that know targets."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import binom
@@ -51,9 +53,14 @@ def test_an_interval_counts_targets_not_rows():
     assert scores.wilson_interval(right, herd) == pytest.approx(scores.clopper_pearson_interval(9, 10))
 
 
+def score_balanced(labels, right, groups, seed=0):
+    answers = SimpleNamespace(labels=labels, right=right, groups=groups, classes=("dog", "human"))
+    return scores.score_balanced(answers, seed)
+
+
 def test_no_error_is_no_certainty():
     labels, groups = np.repeat([0, 1], 30), np.arange(60).astype(str)
-    found = scores.score_balanced(labels, np.ones(60, dtype=bool), groups, 2, np.random.default_rng(0))
+    found = score_balanced(labels, np.ones(60, dtype=bool), groups)
     assert found["interval"] == "exact"
     assert found["low"] == pytest.approx(scores.clopper_pearson_interval(30, 30, 0.975)[0])
     assert found["high"] == 1
@@ -63,9 +70,9 @@ def test_bootstrap_over_targets_covers_as_often_as_it_says():
     """Rows of a target are all right or all wrong: an interval over rows would cover about half as often."""
     rng, hits, trials = np.random.default_rng(1), 0, 40
     labels, groups = np.repeat([0, 1], 200), np.repeat(np.arange(80), 5).astype(str)
-    for _ in range(trials):
+    for seed in range(trials):
         right = (rng.random(80) < 0.8).repeat(5)
-        found = scores.score_balanced(labels, right, groups, 2, rng)
+        found = score_balanced(labels, right, groups, seed)
         assert found["interval"] == "bootstrap"
         hits += found["low"] <= 0.8 <= found["high"]
     assert hits / trials > 0.88

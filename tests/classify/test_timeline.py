@@ -125,15 +125,15 @@ def test_a_path_leads_across_a_gap_but_not_to_another_place_or_for_long():
 def test_a_network_of_tracks_remembers_what_may_be_decided():
     model, rows = model_of_tracks()
     signature, tracks, probabilities = a_signature(7.29e9, 500.0), Tracks(model), []
-    seen = [("", 1.0), ("gates_overlap", 1.0), ("", 9.0), ("", -1.0)]
+    seen = [((), 1.0), (("gates_overlap",), 1.0), ((), 9.0), ((), -1.0)]
     for row, (flags, speed_mps) in zip(rows.values[:4], seen, strict=True):
         names = {name: f"feature_{name}" for name in model.facts.names} | {"gait_frequency_hz": "gait_frequency_hz"}
         columns = {names[name]: value for name, value in zip(model.facts.names, row[:-1], strict=True)}
         columns |= {"feature_torso_velocity_mps": row[0], "feature_doppler_bandwidth_hz": row[1] / 0.0411 * 2}
-        columns |= {"quality_observation_s": 2.0, "quality_track_velocity_mps": speed_mps, "quality_flags": flags}
+        columns |= {"quality_observation_s": 2.0, "quality_track_velocity_mps": speed_mps}
         stop_s = 2.5 + 0.7 * len(probabilities)
         alone, belief, _ = tracks.follow(
-            0, TargetInputs(columns, signature, row[-1].pictures / 255.0), (stop_s - 2.5, stop_s)
+            0, TargetInputs(columns, signature, row[-1].pictures / 255.0, flags), (stop_s - 2.5, stop_s)
         )
         probabilities.append(belief.probability)
         assert alone.blocked == bool(flags or speed_mps > 3.3), alone.reason
@@ -160,8 +160,9 @@ def test_the_alarm_rings_for_a_shared_gate_while_it_is_shared():
     names = {name: f"feature_{name}" for name in facts.names} | {"gait_frequency_hz": "gait_frequency_hz"}
     columns = dict(zip(names.values(), rows.values[0][:-1], strict=True))
     columns |= {"feature_torso_velocity_mps": 1.0, "feature_doppler_bandwidth_hz": 90.0}
-    for number, flags in enumerate(("gates_overlap", "gates_overlap", "", "gates_overlap", "", "", "gates_overlap")):
-        seen = TargetInputs(columns | {"quality_flags": flags}, signature, rows.values[0][-1].pictures / 255.0)
+    shared = ("gates_overlap",)
+    for number, flags in enumerate((shared, shared, (), shared, (), (), shared)):
+        seen = TargetInputs(columns, signature, rows.values[0][-1].pictures / 255.0, flags)
         alone, belief, ringing = tracks.follow(0, seen, (0.7 * number, 2.5 + 0.7 * number))
         rings.append(ringing)
         assert alone.blocked == bool(flags)

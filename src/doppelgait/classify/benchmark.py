@@ -156,11 +156,10 @@ def open_classifier(name: str) -> Answer:
         return partial(answer_baseline, name)
     path, _, function = name.rpartition(":")
     if path.endswith(".py"):
-        found = runpy.run_path(path).get(function) if Path(path).is_file() else None
+        found: Answer | None = runpy.run_path(path).get(function) if Path(path).is_file() else None
         if not callable(found):
             raise ConfigError(f"--classifier {name}: has no function {function!r}; name it as FILE.py:FUNCTION")
-        answer: Answer = found
-        return answer
+        return found
     model = open_model(name).of_tracks
     if ALARM_CLASS not in model.facts.classes or "signature" in model.facts.features:
         raise ConfigError(f"--classifier {name}: must have the class {ALARM_CLASS}, and use no signatures")

@@ -72,11 +72,6 @@ class Device:
     n_columns: int
     still_time_s: float | None
 
-    @property
-    def row_mps(self) -> float:
-        """Velocity from row to row of the transform."""
-        return self.radar.prf_hz * self.radar.wavelength_m / (2.0 * self.n_doppler)
-
 
 def plan_device(model: Model, settings: CSettings) -> Device:
     """Plan the processing of a radar's samples for a model."""
@@ -173,12 +168,13 @@ class Sources:
         bias = 3.0 * float(gamma.cdf(gamma.ppf(1.0 / 3.0, bins), bins + 1.0))
         prf_hz, still_s = device.radar.prf_hz, device.still_time_s or math.inf
         column_s = HOPS_PER_COLUMN * device.hop / prf_hz
+        row_mps = prf_hz * device.radar.wavelength_m / (2.0 * device.n_doppler)  # of a row
         of_alarm = facts.classes.index(str(facts.alarm)), float(facts.alarm_threshold or 1.0)
         values: dict[str, float] = {"CLASSES": len(facts.classes), "ABSTAIN_BELOW": facts.abstain_below}
         values |= zip(("ALARM_CLASS", "ALARM_THRESHOLD"), of_alarm, strict=True)
         values |= {"SLOPE": self.model.calibration.slope, "TOLERANCE": TOLERANCE_OF_GOLDEN}
         values |= {"BINS": device.radar.n_range_bins, "BIN_M": bin_m, "PRF_HZ": prf_hz}
-        values |= {"FIRST_M": float(device.radar.range_axis_m()[0]), "ROW_MPS": device.row_mps}
+        values |= {"FIRST_M": float(device.radar.range_axis_m()[0]), "ROW_MPS": row_mps}
         values |= {"CPI": device.taper.size, "DOPPLER": device.n_doppler, "HOP": device.hop}
         values |= {"HOPS_PER_COLUMN": HOPS_PER_COLUMN, "COLUMNS": device.n_columns, "COLUMN_S": column_s}
         values |= {"HOP_COLUMNS": round(HOP_S / column_s), "POWER_SHARE": 1.0 / device.taper.size}

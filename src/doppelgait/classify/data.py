@@ -163,19 +163,14 @@ def collect_answers(given: Any, rows: Rows, tested: IntArray) -> FloatArray:
     """Return a user's probabilities of all rows (n, n_classes), NaN where there are none; check the tested rows."""
     number, name, classes = len(rows.datasets) - 1, "answers", list(rows.classes)
     dataset, own = rows.datasets[number], np.flatnonzero(rows.origin == number)
-    asked = np.union1d(tested, own[rows.index["split"].iloc[own] == "validation"])
     if callable(given):
+        asked = np.union1d(tested, own[rows.index["split"].iloc[own] == "validation"])
         given = given(replace(dataset, index=dataset.index.iloc[rows.place[asked]].reset_index(drop=True)))
     elif isinstance(given, str | Path):
         name, given = str(given), _read_table(Path(given))
+    if not isinstance(given, pd.DataFrame):  # without ids a wrong order would go unnoticed
+        raise DatasetError(f"{name}: must be a DataFrame with the column id, not {type(given).__name__}")
     row_ids = rows.index["id"].astype(str)
-    if not isinstance(given, pd.DataFrame):  # an array of the tested, the asked or all rows, in their order
-        values = np.asarray(given)
-        answered = next((part for part in (tested, asked, own) if values.shape[:1] == (part.size,)), None)
-        if answered is None or values.shape[1:] not in ((), (len(classes),)):
-            raise DatasetError(f"{name}: has the shape {values.shape}; must be ({tested.size}, {len(classes)})")
-        given = pd.DataFrame(values.reshape(answered.size, -1), columns=classes if values.ndim == 2 else [rows.alarm])
-        given["id"] = row_ids.to_numpy()[answered]
     named = [str(column) for column in given.columns if column in classes]
     strange = [str(column) for column in given.columns if column not in (*named, *rows.index.columns)]
     if strange or "id" not in given or len(classes) - len(named) > (len(classes) == 2 and len(named) == 1):

@@ -88,18 +88,12 @@ class TargetInputs:
     columns: Mapping[str, Any]
     signature: xr.DataArray | None
     pictures: Levels | None = None  # of a tracked target
+    flags: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, result: Result) -> TargetInputs:
         """Return those of a result."""
-        return cls(result.to_row(), result.signature, result.pictures)
-
-    @property
-    def flags(self) -> tuple[str, ...]:
-        """Flags of its analysis."""
-        # flags of an index row, or of Result.to_row
-        texts = self.columns.get("quality_flags", self.columns.get("flags"))
-        return tuple(flag for flag in str(texts or "").split(";") if flag)
+        return cls(result.to_row(), result.signature, result.pictures, result.flags)
 
     @cached_property
     def conditions(self) -> dict[str, float]:

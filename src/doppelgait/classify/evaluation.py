@@ -76,12 +76,6 @@ HELD_FOLDS = 5  # one in so many groups is held back where there is no validatio
 MOST_LEFT_OUT = 100
 
 
-ANSWERS_NOTE = (
-    "has your own probabilities, as they are: no calibration, a decision from 0.8 on, the alarm's threshold from "
-    "answers to the split validation. Whether the network has learned from tested targets is not known."
-)
-
-
 class Fold(NamedTuple):
     """Rows for training, validation and testing."""
 
@@ -392,7 +386,7 @@ def make_document(
         for one in rows.datasets
     ]
     sides = [{key: getattr(fold, key) for key in ("train", "held", "test")} for fold in folds]
-    document = {
+    document: dict[str, Any] = {
         "doppelgait_version": __version__,
         "seed": seed,
         "classes": list(rows.classes),
@@ -409,8 +403,7 @@ def make_document(
         "breakdowns": scores.score_breakdowns({name: part for name, part in answers.items() if name not in BASELINES}),
         "notes": said,
     }
-    plain: dict[str, Any] = convert_to_json(document)
-    return plain
+    return {key: convert_to_json(value) for key, value in document.items()}
 
 
 def tabulate_answers(runs: Mapping[str, Run]) -> pd.DataFrame:
@@ -521,7 +514,11 @@ def evaluate(
     if chosen.answers is not None:
         own = f"own-{own}" if own in training.CLASSIFIERS else own
         runs[own] = run_answers(rows, collect_answers(chosen.answers, rows, folds[0].test), folds[0])
-        notes.append(f"{own} {ANSWERS_NOTE}")
+        notes.append(
+            f"{own} has your own probabilities, as they are: no calibration, a decision from 0.8 on, the alarm's "
+            "threshold from answers to the split validation. Whether the network has learned from tested targets is "
+            "not known."
+        )
     tick = (lambda: on_progress(next(done), total)) if on_progress else (lambda: None)
     for name in tables:
         members = [runs[member] for member in MEMBERS if member in runs] if name == "ensemble" else []

@@ -84,10 +84,9 @@ def train_network(
     settings: Training | None = None,
 ) -> Learned:
     """Train a network on signatures; held rows decide when to stop."""
-    try:
-        import torch
-    except ImportError:
-        raise DatasetError(NO_TORCH) from None
+    if not is_torch_installed():
+        raise DatasetError(NO_TORCH)
+    import torch
 
     spec, settings = spec or Patch(), settings or Training()
     known = [np.array([whole is not None for whole in part.values], dtype=bool) for part in (train, held)]

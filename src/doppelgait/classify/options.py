@@ -18,7 +18,7 @@ from doppelgait.core.errors import ConfigError
 FLAGS = {"other": "--test", "n_folds": "--cv", "left_out": "--leave-out", "own": "--adapt", "directory": "--output -o"}
 """Options that have another name on the command line."""
 KINDS = {"analysis": "Analysis, optional", "tracking": "Tracking, optional", "gate": "as for analyze"} | {
-    "answers": "path, DataFrame, ndarray or function, optional"
+    "answers": "path, DataFrame or function, optional"
 }
 """Kinds of options that need a library; the others of any kind are datasets or their folders."""
 

@@ -342,15 +342,6 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
             for entry in models[best]
         ]
         parts += [f"<h2>{escape(best)} by {escape(column)}</h2>", format_table(shares)]
-    bins = [
-        {
-            "confidence": format_number(entry["confidence"]),
-            "share right": format_number(entry["accuracy"]),
-            "rows": str(entry["n"]),
-        }
-        for entry in document["models"][best]["reliability"]
-    ]
-    parts += [f"<h2>{escape(best)}: calibration</h2>", format_table(bins)]
     parts += ["<h2>Training and test data</h2>", format_table(folds)]
     if document["dataset"]["config"] is not None:
         parts.append('<p>The plan of the first dataset is in <a href="plan.json">plan.json</a>.</p>')

@@ -59,16 +59,15 @@ def wilson_interval(right: Bools, groups: Groups, level: float = LEVEL) -> tuple
     return clopper_pearson_interval(float(right.mean()) * count, float(count), level) if count else (0.0, 1.0)
 
 
-def score_balanced(
-    labels: IntArray, right: Bools, groups: Groups, n_classes: int, rng: np.random.Generator
-) -> dict[str, Any]:
+def score_balanced(answers: Answers, seed: int) -> dict[str, Any]:
     """Return the balanced accuracy with its interval, ``bootstrap`` or ``exact``."""
+    labels, right, groups, n_classes = answers.labels, answers.right, answers.groups, len(answers.classes)
     members = [labels == number for number in range(n_classes)]
     if not all(member.any() for member in members):
         return {"value": None, "low": None, "high": None, "interval": NOT_ALL}
     plain = all(np.unique(groups[member]).size >= FEW_GROUPS and 0 < right[member].mean() < 1 for member in members)
     if plain:
-        weights = weight_groups(labels, groups, rng)
+        weights = weight_groups(labels, groups, np.random.default_rng(seed))
         hits = np.stack([weights[:, member] @ right[member].astype(np.float64) for member in members])
         counts = np.stack([weights[:, member].sum(axis=1) for member in members])
         low, high = np.quantile((hits / np.maximum(counts, 1e-12)).mean(axis=0), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
@@ -188,7 +187,7 @@ def compute_scores(answers: Answers, *, seed: int) -> dict[str, Any]:
     if n_classes <= 2:  # one curve, of the alarm class if it exists
         detected = (answers.alarm,) if answers.alarm in classes else classes[:1]
     return {
-        "balanced_accuracy": _score_balanced(answers, seed),
+        "balanced_accuracy": score_balanced(answers, seed),
         "accuracy": float(answers.right.mean()),
         "recall": recalls,
         "confusion": confusion_matrix(labels, answers.guesses, labels=range(n_classes)).tolist(),
@@ -199,7 +198,7 @@ def compute_scores(answers: Answers, *, seed: int) -> dict[str, Any]:
         "decided": {
             "share": float(answers.decided.mean()),
             "n": int(answers.decided.sum()),
-            "balanced_accuracy": _score_balanced(take_rows(answers, answers.decided), seed),
+            "balanced_accuracy": score_balanced(take_rows(answers, answers.decided), seed),
         },
     }
 
@@ -215,11 +214,6 @@ def _compute_curve(answers: Answers, number: int, seed: int) -> dict[str, Any]:
     kept = np.unique(np.linspace(0, false.size - 1, MOST_POINTS).round().astype(int))
     points = {"false": false[kept].tolist(), "true": true[kept].tolist()}
     return {"auc": auc(probability, positive), "low": low, "high": high, **points}
-
-
-def _score_balanced(answers: Answers, seed: int) -> dict[str, Any]:
-    rng = np.random.default_rng(seed)
-    return score_balanced(answers.labels, answers.right, answers.groups, len(answers.classes), rng)
 
 
 def score_share(right: Bools, groups: Groups) -> dict[str, Any]:
@@ -331,7 +325,7 @@ def score_conditions(answers: Mapping[str, Answers], notes: list[str], seed: int
             for name, bins in models.items() if inside.any() else ():
                 own = take_rows(answers[name], inside)
                 span = {"from": low, "to": high, "n": len(own)}
-                bins.append({**span, **_score_balanced(own, seed), "recall": score_recalls(own)})
+                bins.append({**span, **score_balanced(own, seed), "recall": score_recalls(own)})
         found[condition.name] = {"words": condition.words, "column": column, "models": models}
     return found
 

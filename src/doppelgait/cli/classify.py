@@ -218,7 +218,6 @@ def evaluate(
     from doppelgait.classify.evaluation import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
     from doppelgait.classify.report import check_folder, list_sections, write_report
-    from doppelgait.classify.training import BASELINES
 
     if save is not None:
         _check_save(save, output)
@@ -241,13 +240,9 @@ def evaluate(
         print_message(f"note: {note}")
     print_message(f"report: {page}")
     if save is not None and found.best is not None:
-        several = len(found.models) - len(BASELINES) > 1
-        chosen = "the best model on the held-out rows" if several else "the only trained model"
-        if found.best == "ensemble":
-            chosen = "the mean of its members"
-        if options["own"] is not None:
-            chosen += f", adapted to {found.models[found.best].facts.n_own} rows of {options['own']}"
-        print_message(f"model: {save}: {found.best}, {chosen}")
+        n_own = found.models[found.best].facts.n_own
+        adapted = f", adapted to {n_own} rows of {options['own']}" if n_own else ""
+        print_message(f"model: {save}: {found.best}{adapted}")
         if obstacle := find_obstacle(found.models[found.best].of_tracks):
             print_message(f"note: it has no C form ('model export --form c'): {obstacle}, on a plan of episodes")
 

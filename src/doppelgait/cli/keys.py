@@ -52,21 +52,20 @@ def keys(
     found, only = _find(topic)
 
     def list_keys(model: Any) -> list[Key]:
-        return [key for key in list_all(model) if only in ("", key.key)]
+        return [Key(*map(_words, key)) for key in list_all(model) if only in ("", key.key)]
 
     if as_json:
-        tables = [{"table": name, "keys": [key._asdict() for key in list_keys(model)]} for name, model in found]
-        print_json([_plain(table) for table in tables])
+        print_json([{"table": name, "keys": [key._asdict() for key in list_keys(model)]} for name, model in found])
         return
     for number, (name, model) in enumerate(found):
         if number:
             print()
         print(f"{name}: " + _words((model.__doc__ or "").split("\n\n")[0]))
         for key in list_keys(model):
-            default = DEFAULTS.get(key.default, f"default {_words(key.default)}")
-            facts = [_words(key.type), key.unit, _words(key.limits), default]
+            default = DEFAULTS.get(key.default, f"default {key.default}")
+            facts = [key.type, key.unit, key.limits, default]
             print(f"  {key.key}: {', '.join(filter(None, facts))}")
-            print(textwrap.fill(_words(key.description), 110, initial_indent="      ", subsequent_indent="      "))
+            print(textwrap.fill(key.description, 110, initial_indent="      ", subsequent_indent="      "))
 
 
 DEFAULTS = {"": "", "required": "required", "its defaults": "optional"}
@@ -128,12 +127,6 @@ def _words(text: str) -> str:
     """Return text of a docstring without its markup."""
     text = re.sub(r":\w+:`~?([^`]*)`", r"\1", " ".join(text.split()))
     return text.replace("`", "").replace("\u00a0", " ")
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
-    return [_plain(inner) for inner in value] if isinstance(value, list) else _words(value)
 
 
 def plugins(

@@ -328,11 +328,8 @@ def test_own_answers_are_scored_as_those_of_the_model_that_gave_them(found, tmp_
         assert own[name] == pytest.approx(expected[name]), name
     assert own["decided"]["n"] == (table["human"][dataset.index["split"] == "test"].sub(0.5).abs() >= 0.3).sum()
     page = write_report(one, tmp_path / "report")[-1].read_text()
-    assert "mine: calibration" in page
     assert "cpi_s" not in page  # the plan is a file
-    values, numbers = table[["human", "dog"]].to_numpy(), dataset["test"].index["id"].str[1:].astype(int).to_numpy()
-    by_function = lambda part: values[part.index["id"].str[1:].astype(int)]  # noqa: E731
-    for answers in (values, values[numbers], values[numbers, 0], table, by_function):
+    for answers in (table, lambda part: table[table["id"].isin(part.index["id"])]):
         again = evaluate(dataset, answers=answers).document["models"]
         assert again["own"]["brier"] == pytest.approx(own["brier"])
     assert evaluate(dataset, answers=table, models=["six-logistic"]).best == "six-logistic"
@@ -361,7 +358,8 @@ def test_own_answers_need_no_rows_to_train_on_and_may_be_about_another_dataset(f
         (lambda t: t.assign(dog=np.nan), r"'e0' has .*'dog': nan.*240 of 240 lines are wrong"),
         (lambda t: t.assign(dog=t["dog"] + 0.1), "with the sum 1, as of a softmax"),
         (lambda t: t.assign(human=t["human"] - 1, dog=t["dog"] + 1), "from 0 to 1"),
-        (lambda t: np.zeros((7, 2)), r"shape \(7, 2\); must be \(48, 2\)"),
+        (lambda t: t[["human", "dog"]].to_numpy(), "must be a DataFrame with the column id, not ndarray"),
+        (lambda t: lambda part: np.zeros((len(part), 2)), "must be a DataFrame with the column id, not ndarray"),
         (lambda t: "no.csv", r"no\.csv: is no readable table"),
     ],
 )  # fmt: skip
@@ -528,10 +526,9 @@ def test_foreign_and_truncated_files_are_refused(found, tmp_path):
         save_model(found.models["six-boosting"], tmp_path / "m.pkl")
 
 
-def a_target(**changes):
-    columns = {f"feature_{name}": 1.0 for name in SIX} | {"gait_frequency_hz": 2.0, "quality_flags": ""}
-    columns |= {"quality_observation_s": 2.4}
-    return TargetInputs(columns | changes, a_signature(7.29e9, 1100.0))
+def a_target(*flags, **changes):
+    columns = {f"feature_{name}": 1.0 for name in SIX} | {"gait_frequency_hz": 2.0, "quality_observation_s": 2.4}
+    return TargetInputs(columns | changes, a_signature(7.29e9, 1100.0), flags=flags)
 
 
 def test_decision_and_abstentions(found):
@@ -547,7 +544,7 @@ def test_decision_and_abstentions(found):
     assert unsure.abstained
     assert unsure.reason.startswith("probability 0.")
     for flag in ("no_signal", "aspect_beyond_75_deg:gait_is_hidden", "clutter_removal_took_30_per_cent:a_torso"):
-        blocked = decide(a_target(feature_step_length_m=2.2, quality_flags=f"harmonic_ratio_3:none;{flag}"), model, 0)
+        blocked = decide(a_target("harmonic_ratio_3:none", flag, feature_step_length_m=2.2), model, 0)
         assert blocked.abstained
         assert blocked.reason == f"flag {flag}"
     far = decide(a_target(feature_step_length_m=9.0), model, 0)
@@ -650,7 +647,7 @@ def test_too_short_unknown_and_too_few_columns_are_no_decision(found):
     flag = "gait_frequency:columns_do_not_overlap"
     older = replace(model, facts=model.facts.model_copy(update={"blocking": ("no_signal",)}))
     for each in (model, older):
-        assert decide(a_target(feature_step_length_m=2.2, quality_flags=flag), each, 0).reason == f"flag {flag}"
+        assert decide(a_target(flag, feature_step_length_m=2.2), each, 0).reason == f"flag {flag}"
 
 
 @pytest.mark.parametrize("usual", [False, True])
@@ -659,9 +656,9 @@ def test_a_flag_that_the_radar_causes_is_no_reason_where_the_training_rows_had_i
     rows = made_up(quality_flags=np.where(np.arange(240) % 20 < (19 if usual else 10), f"{flag};other", ""))
     model = evaluate(rows, models=["six-logistic"]).models["six-logistic"]
     model = load_model(save_model(model, tmp_path / "m.npz"))
-    sure = decide(a_target(feature_step_length_m=2.2, quality_flags=flag), model, 0)
+    sure = decide(a_target(flag, feature_step_length_m=2.2), model, 0)
     assert (sure.abstained, sure.reason) == ((False, "") if usual else (True, f"flag {flag}"))
-    assert decide(a_target(feature_step_length_m=2.2, quality_flags="no_signal"), model, 0).reason == "flag no_signal"
+    assert decide(a_target("no_signal", feature_step_length_m=2.2), model, 0).reason == "flag no_signal"
 
 
 def test_a_test_on_another_radar_is_said_and_not_decided():
@@ -813,7 +810,5 @@ def test_an_ensemble_is_one_model_with_its_members_beside_it(dataset, tmp_path):
     again = load_model(save_model(ensemble, tmp_path / "e.npz"))
     tested = found.answers.iloc[0]
     number = int(np.flatnonzero(dataset.index["id"] == tested["id"])[0])
-    target = TargetInputs(
-        {**dataset.index.iloc[number].to_dict(), "quality_flags": ""}, dataset.example(number).signature
-    )
+    target = TargetInputs(dataset.index.iloc[number].to_dict(), dataset.example(number).signature)
     assert decide(target, again, 0).probabilities["human"] == pytest.approx(tested["ensemble:human"], abs=1e-5)

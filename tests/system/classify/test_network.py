@@ -128,7 +128,7 @@ def test_on_a_built_dataset_kept_and_used_without_torch(dataset, tmp_path):
     assert all(part.shape == (64, part.shape[1]) and part.max() > 0.2 for part in levels)
     assert np.array_equal(again.probability(levels), model.probability(levels))
     signature = dataset.example(0).signature
-    decision = decide(TargetInputs({"quality_flags": ""}, signature), again, 0)
+    decision = decide(TargetInputs({}, signature), again, 0)
     assert list(decision.probabilities.values()) == pytest.approx(again.probability(levels[:1])[0])
 
 
