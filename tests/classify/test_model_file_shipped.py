@@ -63,6 +63,13 @@ def test_an_unknown_name_lists_those_there_are():
         load_shipped_model("x5")
 
 
+def test_no_shipped_model_is_for_bursts():
+    radar = dg.Radar.preset("ti-60-burst")
+    recording = dg.simulate(dg.Scene([], duration_s=0.6), radar)
+    with pytest.raises(ConfigError, match="no shipped model is for frames in bursts"):
+        choose_model(recording)
+
+
 @pytest.mark.parametrize(
     ("motion", "label"),
     [(lambda: dg.motion.boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=3.0), "human"),

@@ -320,6 +320,11 @@ def test_step_doppler_is_amplitude_in_db_over_cadence() -> None:
     assert [text.get_text() for text in axes.texts] == ["1", "2", "3"]
     assert labels_of(axes) == ["1: gait frequency, 2.00 Hz"]
     assert "35 dB shown" in bar.get_ylabel()
+    aligned = make_cadence_map().assign_attrs(aligned=True)
+    with rc_context({"image.cmap": "gray"}):
+        axes = viz.cadence_map(aligned).axes[0]
+    assert axes.images[0].get_cmap().name == "gray"
+    assert "from the torso" in axes.child_axes[0].get_ylabel()
 
 
 @pytest.mark.parametrize(
@@ -592,6 +597,8 @@ def wrong_calls() -> dict[str, tuple[object, str]]:
         "transposed": (lambda: viz.signature(mu.T), "dimensions are"),
         "empty": (lambda: viz.signature(mu.isel(time=slice(0))), "nothing to plot"),
         "db range": (lambda: viz.signature(mu, db_range=0.0), "db_range is 0.0"),
+        "db text": (lambda: viz.signature(mu, db_range="40"), "db_range is 40"),
+        "db limits": (lambda: viz.signature(mu, db_range=(0.0, -30.0)), "two limits in dB must rise"),
         "line length": (lambda: viz.signature(mu, main_line_hz=[1.0, 2.0]), r"\(40,\)"),
         "only 0 Hz": (lambda: viz.signature(zero_axis), "has only 0 Hz"),
         "truth without parts": (lambda: viz.signature(mu, truth_doppler=truth.drop_vars("part")), "'part'"),

@@ -192,7 +192,7 @@ def classify(
 def choose_model(source: Recording | Sequence[Result]) -> Model:
     """Return the shipped model for a recording's radar."""
     if isinstance(source, Recording):
-        return load_model_for_radar(source.radar)
+        return load_model_for_radar(source.radar, source.frames.find_bursts().slow_time.burst_pulses)
     return load_shipped_model(find_shipped_model(*read_carrier_and_prf_hz(source[0].signature)))
 
 

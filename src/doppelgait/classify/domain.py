@@ -27,8 +27,6 @@ from doppelgait.radar.fit.measure import compute_windowed_power
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
-Statistics = dict[str, float]
-
 WINDOW = 32  # pulses in a window of a continuous recording; otherwise each burst is a window
 BANDS = 8  # number of Doppler bands of a window, from the minimum to the maximum frequency
 MOST_WINDOWS = 60  # maximum number of windows of a recording, evenly spread
@@ -90,7 +88,7 @@ def split_windows(recording: Recording, *, most: int = WINDOW) -> npt.NDArray[np
     return samples[: pulses // window * window].reshape(-1, window, recording.n_range_bins)
 
 
-def measure_windows(recording: Recording) -> list[Statistics]:
+def measure_windows(recording: Recording) -> list[dict[str, float]]:
     """Return the statistics of windows for the classifier."""
     windows, samples = split_windows(recording), recording.samples.matrix
     parts = windows[np.unique(np.linspace(0, len(windows) - 1, min(len(windows), MOST_WINDOWS)).astype(int))]

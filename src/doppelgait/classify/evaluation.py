@@ -516,7 +516,7 @@ def evaluate(
         runs[own] = run_answers(rows, collect_answers(chosen.answers, rows, folds[0].test), folds[0])
         notes.append(
             f"{own} has your own probabilities, as they are: no calibration, a decision from 0.8 on, the alarm's "
-            "threshold from answers to the split validation. Whether the network has learned from tested targets is "
+            "threshold from answers to validation, if any. Whether the network has learned from tested targets is "
             "not known."
         )
     tick = (lambda: on_progress(next(done), total)) if on_progress else (lambda: None)

@@ -44,6 +44,7 @@ LARGEST = 1e30  # maximum absolute value of the numbers of a model, except thres
 LARGEST_SCORE = 1e37  # maximum absolute value of the numbers of a network, in single precision
 FEATURES = {SPEED, WIDTH, ENVELOPE_WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
 """Features of an analysis, in addition to the registered extended features."""
+TRAIN_ONE = "Train one on a plan of your radar (evaluate DATASET -o REPORT --save model.npz) and name it (--model)"
 Arrays = dict[str, npt.NDArray[Any]]
 
 
@@ -311,8 +312,10 @@ def load_shipped_model(name: str) -> Model:
     return load_model(path)
 
 
-def load_model_for_radar(radar: Radar) -> Model:
+def load_model_for_radar(radar: Radar, burst_pulses: int | None = None) -> Model:
     """Load the shipped model that fits a radar."""
+    if burst_pulses or radar.burst_pulses:
+        raise ConfigError(f"{radar.name}: no shipped model is for frames in bursts. {TRAIN_ONE}")
     return load_shipped_model(find_shipped_model(radar.carrier_hz, radar.prf_hz))
 
 
@@ -364,6 +367,5 @@ def find_shipped_model(carrier_hz: float, prf_hz: float) -> str:
         said.append(f"{name} ({(low + high) / 2:.4g} GHz, {rates[0]:g} to {rates[1]:g} Hz)")
     raise ConfigError(
         f"no shipped model is for a carrier of {carrier_hz / 1e9:.4g} GHz and {prf_hz:g} pulses a "
-        f"second; there are {', '.join(said)}. Train one on a plan of your radar "
-        "(doppelgait evaluate DATASET -o REPORT --save model.npz) and name it (--model)"
+        f"second; there are {', '.join(said)}. {TRAIN_ONE}"
     )

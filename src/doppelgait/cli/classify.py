@@ -111,6 +111,8 @@ def classify(
         print_table(rows) if rows else print_text("no target found")
         if loaded is not None and decisions:
             explain_model(loaded, model)
+            if loaded.track is not None:
+                print_message("note: every target is decided by one segment; --window-s 2.5 decides over its track")
 
 
 def describe_model(model: Model, file: str | None) -> dict[str, Any]:
@@ -168,13 +170,13 @@ def explain_model(model: Model, name: str | None) -> None:
     """Print notes on the alarm and on the training data."""
     facts = model.facts
     if name is None:
-        print_message(f"model: {facts.dataset_name}, which comes with doppelgait and fits this radar")
+        print_message(f"model: one that comes with doppelgait and fits this radar, trained on {facts.dataset_name}")
     if facts.alarm is None or facts.alarm_threshold is None:
         print_message("note: alarm: this model has no alarm threshold")
     else:
         print_message(
             f"note: alarm: yes if the probability of {facts.alarm} is {facts.alarm_threshold:.2g} or more, "
-            "also without a decision; -: not known for this radar"
+            "also without a decision; -: not known, for the reason beside it"
         )
     if not model.calibration.n_rows:
         print_message(f"note: {name or facts.dataset_name}: its probabilities are not calibrated")

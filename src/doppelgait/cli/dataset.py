@@ -255,7 +255,8 @@ def status(
             f"{directory}: {found.name}, id {found.id}: {found.n_examples} of {found.n_planned} examples, "
             f"{found.n_failed} failed; {'complete' if found.complete else 'not complete'}"
         )
-        for text, names in (("damaged", bad), ("building now", found.running), ("leftovers removed", found.removed)):
+        damaged = "damaged, the same 'dataset build' makes them again"
+        for text, names in ((damaged, bad), ("building now", found.running), ("leftovers removed", found.removed)):
             if names:
                 print_message(f"{text}: {', '.join(names)}")
     if bad:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypedDict
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from matplotlib import colormaps
+from matplotlib import colormaps, rcParams, rcParamsDefault
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
@@ -47,7 +49,7 @@ def check_wavelength(wavelength_m: float) -> None:
 
 def check_db_range(db_range: float) -> float:
     """Check that a dynamic range is positive and finite."""
-    if not (np.isfinite(db_range) and db_range > 0):
+    if not (isinstance(db_range, int | float | np.number) and 0 < db_range < math.inf):
         raise AnalysisError(f"db_range is {db_range}; the dynamic range must be a positive number of dB")
     return float(db_range)
 
@@ -65,6 +67,8 @@ def amplitude_to_db(amplitude: npt.ArrayLike) -> FloatArray:
 def level_limits_db(level_db: FloatArray, db_range: float | tuple[float, float] | None) -> tuple[float, float]:
     """Return the lower and upper end of the colour scale."""
     if isinstance(db_range, tuple):
+        if len(db_range) != 2 or not db_range[0] < db_range[1]:
+            raise AnalysisError(f"db_range is {db_range}; two limits in dB must rise, as (-75, -45)")
         return db_range
     finite = level_db[np.isfinite(level_db)]
     top = float(finite.max()) if finite.size else 0.0
@@ -142,7 +146,8 @@ def plot_map(
     """Plot levels of shape (y, x), clipped to limits or to a dynamic range."""
     limits_db = level_limits_db(level_db, db_range)
     clipped = np.clip(level_db, *limits_db)
-    palette = colormaps[colours].with_extremes(bad=NO_DATA)
+    chosen = rcParams["image.cmap"]  # the user's, where it is not the default
+    palette = colormaps[colours if chosen == rcParamsDefault["image.cmap"] else chosen].with_extremes(bad=NO_DATA)
     settings: dict[str, Any] = {"cmap": palette, "vmin": limits_db[0], "vmax": limits_db[1]}
     x_edges, y_edges = compute_cell_edges(x), compute_cell_edges(y)
     if x_edges and y_edges:
@@ -173,13 +178,14 @@ def finish_axes(
     colorbar: bool = True,
     velocity_axis: bool = True,
     legend: bool = True,
+    velocity_label: str = style.VELOCITY_LABEL,
 ) -> Figure:
     """Name axes and add velocity axis, colour bar and legend; ``ax`` are those of the user."""
     style.name_axes(axes, title=title, x=x, y=y)
     if image is None:
         style.draw_grid(axes)
     if wavelength_m is not None and velocity_axis:
-        add_velocity_axis(axes, wavelength_m, above=above)
+        add_velocity_axis(axes, wavelength_m, velocity_label, above=above)
     if image is not None and colorbar:
         add_colour_bar(image, axes, quantity=quantity, reference=reference)
     if legend:
@@ -197,18 +203,12 @@ def add_colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference:
     style.fit_labels(bar.ax)
 
 
-def add_velocity_axis(axes: Axes, wavelength: float, *, above: bool = False) -> None:
+def add_velocity_axis(axes: Axes, wavelength: float, label: str = style.VELOCITY_LABEL, *, above: bool = False) -> None:
     """Add a second axis in m/s, f lambda / 2."""
     check_wavelength(wavelength)
-
-    def to_velocity(doppler_hz: npt.ArrayLike) -> Any:
-        return doppler_to_velocity_mps(doppler_hz, wavelength)
-
-    def to_doppler(velocity_mps: npt.ArrayLike) -> Any:
-        return velocity_to_doppler_hz(velocity_mps, wavelength)
-
-    both = (to_velocity, to_doppler)
+    turns = doppler_to_velocity_mps, velocity_to_doppler_hz
+    both: Any = tuple(partial(turn, wavelength_m=wavelength) for turn in turns)
     if above:
-        axes.secondary_xaxis("top", functions=both).set_xlabel(style.VELOCITY_LABEL)
+        axes.secondary_xaxis("top", functions=both).set_xlabel(label)
     else:
-        axes.secondary_yaxis("right", functions=both).set_ylabel(style.VELOCITY_LABEL)
+        axes.secondary_yaxis("right", functions=both).set_ylabel(label)

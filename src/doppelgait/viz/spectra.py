@@ -265,7 +265,9 @@ def cadence_map(
             style.write_note(axes, str(number), (value, 0.93), style.LINE_COLOURS[0], **below)
     from_line = cadence_map.attrs.get("aligned", False)
     doppler_label = style.FROM_LINE_LABEL if from_line else style.DOPPLER_LABEL
-    scale: Any = {"quantity": "magnitude", "wavelength_m": wavelength_m(cadence_map), **shown}
+    velocity_label = style.FROM_TORSO_LABEL if from_line else style.VELOCITY_LABEL
+    scale: Any = {"quantity": "magnitude", "wavelength_m": wavelength_m(cadence_map), "velocity_label": velocity_label}
+    scale |= shown
     return finish_axes(axes, ax, title, style.CADENCE_LABEL, doppler_label, image=image, **scale)
 
 

@@ -383,6 +383,14 @@ def test_a_preset_tells_what_the_file_does_not(tmp_path):
     assert told.radar.prf_hz == 17
     assert told.baseband["slow_time"].values[1] == pytest.approx(1 / 17)
     np.testing.assert_allclose(told.baseband["range"], 0.4 + x4.bin_spacing_m * np.arange(5))
+    bursts = Radar.preset("x4", burst_pulses=4, burst_period_s=0.2)
+    placed = Recording.from_array(VALUES, radar=bursts)
+    assert placed.facts["burst_pulses"] == 4
+    np.testing.assert_array_equal(placed.slow_time_s, bursts.frame_time_s(np.arange(len(VALUES))))
+    np.savez(tmp_path / "b.npz", baseband=VALUES, time_s=placed.slow_time_s)
+    assert "not read: time_s; times of pulses are named slow_time_s" in str(
+        read_recording(tmp_path / "b.npz", radar="x4").notes
+    )
 
 
 def test_a_continuous_wave_preset_takes_one_range_bin(tmp_path):

@@ -322,8 +322,7 @@ def _find_frame_times(path: Path, part: Entry) -> tuple[FloatArray, list[str]]:
     return np.arange(len(part.values)) / frame_hz, [note]
 
 
-SPARSE_ZERO = 2**15
-"""Value of the sparse service without an echo."""
+SPARSE_ZERO = 2**15  # value of the sparse service without an echo
 
 
 class A111Settings(FrozenModel, extra="ignore"):

@@ -26,7 +26,7 @@ from doppelgait.core.errors import ConfigError, OutputError, RecordingError, war
 from doppelgait.core.files import open_atomically
 from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
 from doppelgait.core.plugins import plugin, read_head
-from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray, slow_time_axis_s
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray
 from doppelgait.radar.measured import (
     RATE_OFF,
     check_carrier,
@@ -138,7 +138,7 @@ def _describe(
             f"{path}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} stated nowhere{reasons}; "
             f"give {' and '.join(f'{name}=...' for name in missing)}"
             + ("" if path == IN_MEMORY else f" or write it into {path.with_suffix('.toml').name} in its folder")
-            + " (radar='PRESET' has all four)"
+            + " (a preset has all four: radar='NAME', in a file radar = { preset = \"NAME\" })"
         )
     ranges = np.asarray(known["range_start_m"] + known["bin_spacing_m"] * np.arange(n_bins), dtype=np.float64)
     # notes on values that neither the array nor its TOML file nor the options state
@@ -153,8 +153,8 @@ def _describe(
         notes.append("radar: not stated; one range bin is taken as a continuous wave, its range as nothing")
     elif facts.radar is None:
         notes.append(f"radar: not stated; an echo is taken as one range bin wide ({known['bin_spacing_m']:g} m)")
-    slow_time_s = slow_time_axis_s(n_pulses, known["prf_hz"]) if slow_time_s is None else slow_time_s
     radar = _make_radar(path, facts, stated, known, n_bins)
+    slow_time_s = radar.frame_time_s(np.arange(n_pulses)) if slow_time_s is None else slow_time_s
     return slow_time_s, ranges if range_m is None else range_m, radar, notes
 
 
@@ -278,7 +278,8 @@ def label_array(path: Path, parsed: Parsed, options: Mapping[str, Any]) -> Recor
                 "a last axis of 2, or two arrays named i and q, or the one output of a module, shape (pulses,)"
             )
     if values.ndim not in (1, 2):
-        raise RecordingError(f"{path}: has the shape {values.shape}; it must be (pulses, range bins) or (pulses,)")
+        allowed = "(pulses, range bins) or (pulses,), also of bursts, with slow_time_s or a radar in bursts"
+        raise RecordingError(f"{path}: has the shape {values.shape}; it must be {allowed}")
     if values.ndim == 1:
         values = values[:, None]
     elif not facts.time_first:
@@ -307,8 +308,7 @@ OPTIONS = {
 """Options of every reader of plain arrays."""
 
 
-IN_MEMORY = Path("array")
-"""Name of an array that is in no file."""
+IN_MEMORY = Path("array")  # name of an array that is in no file
 
 
 def make_recording(values: npt.NDArray[Any], axes: Arrays, options: Mapping[str, Any]) -> Recording:
@@ -323,7 +323,9 @@ def parse_arrays(path: Path, *, time_first: bool | None = None, key: str | None 
     wanted = (facts.key or MATRIX, *PARTS, *AXES)
     is_npy = read_head(path).startswith(NPY_MAGIC)
     arrays = {wanted[0]: load_npy(path, RecordingError)} if is_npy else load_npz(path, wanted, RecordingError)
-    return Parsed(_pick(path, arrays, facts.key), arrays)
+    unread = ", ".join(name for name, array in arrays.items() if array is None)
+    notes = [f"not read: {unread}; times of pulses are named slow_time_s, ranges range_m"] if unread else []
+    return Parsed(_pick(path, arrays, facts.key), arrays, notes=notes)
 
 
 def _pick(path: Path, arrays: Arrays, key: str | None) -> npt.NDArray[Any]:

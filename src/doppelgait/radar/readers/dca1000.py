@@ -260,8 +260,7 @@ def _translate(path: Path, commands: Commands) -> dict[str, Any]:
 
 
 VOLTS_PER_CODE = 1.0 / 2**15
-MAX_VALUES = 500_000_000
-"""Maximum number of samples of one receiver."""
+MAX_VALUES = 500_000_000  # maximum number of samples of one receiver
 BLOCK = 1 << 24
 
 
