@@ -86,7 +86,7 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
             times_s = slow_time_s[first : first + BLOCK_PULSES]
             table, tracks = observe_scene(placed, radar, times_s, run.conditions, angles=False, streams=run.streams)
             warn_of_limits(table, radar, has_jumps=has_jumps)
-            ranges_m.append([track.range_m for track in tracks])
+            ranges_m.append(np.reshape([track.range_m for track in tracks], (len(tracks), times_s.size)))
             strongest_v2.append(_find_strongest_v2(table.take_pulses(slice(-first % step, None, step)), radar))
             del table
     found = set(messages) - {"outside the frame" if "folding" in messages else ""}  # as of one block

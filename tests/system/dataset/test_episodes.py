@@ -132,6 +132,8 @@ def test_the_card_and_the_feasibility_know_that_gates_are_tracks(built):
     (limits,) = find_limits(plan_dataset(PlanConfig(**PLAN)).example(0), Path())
     assert "gate cut off" not in limits.limits
     assert 1.0 < limits.range_m < 9.0
+    empty = [{**one, "targets": []} for one in PLAN["episodes"]]
+    assert find_limits(plan_dataset(PlanConfig(**PLAN | {"episodes": empty})).example(0), Path()) == []
 
 
 def test_verify_accepts_episodes(built):

@@ -150,6 +150,16 @@ def test_every_public_name_is_documented_once(pages):
             assert full in documented or is_package or re.search(rf"\.{name}`", listed_here), full
 
 
+def test_imports_of_examples_exist_also_where_no_test_runs_them():
+    found = 0
+    for page in sorted(DOCS.rglob("*.md")):
+        for place, names in re.findall(r"^ *from (doppelgait[\w.]*) import ([\w, ]+)$", page.read_text(), re.MULTILINE):
+            for name in names.split(", "):
+                found += 1
+                assert hasattr(importlib.import_module(place), name.split(" as ")[0]), f"{page}: {place}, {name}"
+    assert found > 20
+
+
 def test_formats_and_other_files_on_the_page_are_those_of_the_program():
     page = (DOCS / "howto" / "formats.md").read_text()
     rows = sorted(line.strip("| ").split(" | ") for line in page.split("\n") if line.startswith("| `"))
