@@ -131,6 +131,7 @@ def test_missing_bursts_are_told():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        ({"first": 40}, "bursts of 128 evenly spaced"),
         ({"burst_pulses": 4}, "a burst has 4 pulses, at least 5"),
         ({"burst_pulses": 100}, "bursts of 100 evenly spaced"),
         ({"burst_pulses": 10_000}, "less than one burst"),
@@ -138,8 +139,8 @@ def test_missing_bursts_are_told():
     ],
 )
 def test_what_cannot_be_done_is_refused(change, message):
-    times = burst_times()
-    options = {"gate": None, "analysis": Analysis(), "burst_pulses": None, **change}
+    times = burst_times()[change.pop("first", 0) :]
+    options = {"gate": None, "analysis": Analysis(), "burst_pulses": M, **change}
     gate, analysis = options.pop("gate"), options.pop("analysis")
     with pytest.raises(AnalysisError, match=message):
         burst_signature(labelled(np.ones(times.size), times), gate, analysis, wavelength_m=LAMBDA_M, **options)

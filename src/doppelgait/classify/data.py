@@ -173,6 +173,7 @@ def collect_answers(given: Any, rows: Rows, tested: IntArray) -> FloatArray:
     row_ids = rows.index["id"].astype(str)
     named = [str(column) for column in given.columns if column in classes]
     strange = [str(column) for column in given.columns if column not in (*named, *rows.index.columns)]
+    strange += given.columns[given.columns.duplicated()].tolist()
     if strange or "id" not in given or len(classes) - len(named) > (len(classes) == 2 and len(named) == 1):
         raise DatasetError(
             f"{name}: has the columns {', '.join(map(str, given.columns))}; it needs id and {', '.join(classes)}, the "

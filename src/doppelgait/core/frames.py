@@ -56,7 +56,7 @@ class SlowTime:
     @cached_property
     def pulse_rate_hz(self) -> float:
         """Pulse rate within bursts, which sets the unambiguous velocity."""
-        if self.burst_pulses is None:
+        if self.burst_pulses is None or self.size < self.burst_pulses:
             return self.rate_hz
         bursts_s = self.split_bursts()
         return float((self.burst_pulses - 1) / (bursts_s[:, -1] - bursts_s[:, 0]).mean())

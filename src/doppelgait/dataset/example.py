@@ -274,7 +274,7 @@ def read_radar(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
 
 
 def resolve_section(description: Mapping[str, Any], row: Mapping[str, Any], key: str) -> Any:
-    """Return a section of the plan as the build sampled it for a row, or as stated without a plan."""
+    """Return a section of the plan, as sampled for a row or as stated."""
     number, config = find_plan_place(description, row), description.get("config") or {}
     if number is None:
         return config.get(key, {})

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError, warn_caller
-from doppelgait.core.frames import Frames, SlowTime
+from doppelgait.core.frames import PAUSE, Frames, SlowTime
 from doppelgait.core.lazy import xr
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import FloatArray
@@ -75,8 +75,9 @@ def split_bursts(slow_time: SlowTime, analysis: Analysis) -> tuple[Transform, fl
     if not count:
         raise AnalysisError(f"the recording has {slow_time.size} pulses, less than one burst of {pulses}")
     times = slow_time.split_bursts()
-    lengths_s = times[:, -1] - times[:, 0]
-    if not (np.diff(times, axis=1) > 0).all() or np.ptp(lengths_s) > 0.5 * lengths_s.mean() / (pulses - 1):
+    lengths_s, steps_s = times[:, -1] - times[:, 0], np.diff(times, axis=1)
+    paused = steps_s.max() > PAUSE * np.median(steps_s)  # bursts do not begin where they are taken to
+    if paused or not (steps_s > 0).all() or np.ptp(lengths_s) > 0.5 * lengths_s.mean() / (pulses - 1):
         raise AnalysisError(
             f"slow time does not fall into bursts of {pulses} evenly spaced pulses; pulses are missing, their rate is "
             "uneven or burst_pulses is wrong"

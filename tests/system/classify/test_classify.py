@@ -355,6 +355,7 @@ def test_own_answers_need_no_rows_to_train_on_and_may_be_about_another_dataset(f
         (lambda t: t.drop(columns="id"), "it needs id and human, dog"),
         (lambda t: t.rename(columns={"dog": "cat"}), "has the columns human, cat, id; it needs id and human, dog"),
         (lambda t: t[["id"]], "has the columns id"),
+        (lambda t: pd.concat([t, t["dog"]], axis=1), "has the columns human, dog, id, dog"),
         (lambda t: t.assign(dog=np.nan), r"'e0' has .*'dog': nan.*240 of 240 lines are wrong"),
         (lambda t: t.assign(dog=t["dog"] + 0.1), "with the sum 1, as of a softmax"),
         (lambda t: t.assign(human=t["human"] - 1, dog=t["dog"] + 1), "from 0 to 1"),

@@ -266,7 +266,7 @@ def adult_speed_mps(speed_mps: float, height_m: float) -> float:
 
 
 def interpolate_run(table: Sequence[Sequence[float]], adult_mps: FloatArray) -> FloatArray:
-    """Return the values of a table of runs at speeds of an adult of 1.75 m."""
+    """Interpolate a table of runs at speeds of an adult."""
     x, y = table  # below the first value, the first slope is extrapolated
     below = y[0] + (adult_mps - x[0]) * (y[1] - y[0]) / (x[1] - x[0])
     return np.where(adult_mps < x[0], below, np.interp(adult_mps, x, y))
