@@ -15,6 +15,7 @@ from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.feasibility import LIMITS, assess, find_limits, list_limit_keys
 from doppelgait.dataset.plan import plan_dataset, sample_examples
 from doppelgait.dataset.verify import verify_dataset
+from doppelgait.dataset.verify.leakage import tabulate_nuisances
 from doppelgait.radar import Radar
 
 PLAN = """
@@ -92,6 +93,16 @@ def test_the_expected_snr_is_that_of_the_frame_within_a_few_db(planned, wall):
     error_db = np.array([found[name] - stated[name] for name in stated.index])
     assert abs(np.median(error_db)) < 2.5
     assert np.abs(error_db).max() < 6
+
+
+def test_the_leakage_test_has_the_cross_section_of_the_plan_or_that_of_the_bodies(planned, wall):
+    examples = [one for one in sample_examples(planned) if {row.id for row in one.rows} <= {*wall.index["id"]}]
+    names = tabulate_nuisances(wall.index, examples).columns
+    assert "target.rcs.total_m2" in names
+    assert "index.rcs_total_m2" not in names  # over the other it shows the shape of the body, which is no nuisance
+    free = planned.config.model_copy(update={"target": {**planned.config.target, "rcs": {"kind": "surfaces"}}})
+    names = tabulate_nuisances(wall.index, list(sample_examples(plan_dataset(free)))[: len(examples)]).columns
+    assert "index.rcs_total_m2" in names
 
 
 def test_counts_of_the_plan_are_in_card_description_and_verification(planned, wall):

@@ -286,6 +286,8 @@ def tabulate_nuisances(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> 
     )
     if (flat["noise.kind"] == "snr").all():
         stated["index.snr_frame_db"] = rows["snr_frame_db"]  # for thermal noise the level depends on the motion
+    if "target.rcs.total_m2" in flat and flat["target.rcs.total_m2"].notna().all():
+        stated = stated.drop(columns="index.rcs_total_m2")  # over that of the plan it shows the shape of a body
     return pd.concat([flat, stated], axis=1)  # a value in both is judged under the key of the plan
 
 
