@@ -89,7 +89,7 @@ def page(browser: Any) -> Iterator[Any]:
 
     ``page.requested`` lists the addresses that were asked for.
     """
-    context = browser.new_context(viewport={"width": 1440, "height": 1000})
+    context = browser.new_context(viewport={"width": 1440, "height": 1240})
     page = context.new_page()
     faults: list[str] = []
     page.requested = []

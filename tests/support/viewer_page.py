@@ -76,9 +76,7 @@ def seconds(page: Any) -> float:
 
 def read_at(page: Any, name: str, x: float, y: float) -> tuple[dict[str, float], tuple[float, float]]:
     """Numbers of a panel's read-out by unit, with the mouse at shares of its axes; and these shares, to the pixel."""
-    canvas = page.locator(f"#canvas-{name}")
-    canvas.scroll_into_view_if_needed()
-    box = canvas.bounding_box()
+    box = page.locator(f"#canvas-{name}").bounding_box()
     width, height = (
         box["width"] - LEFT - RIGHT,
         box["height"] - TOP - (10 if name in ("range-time", "cadence") else 36),
