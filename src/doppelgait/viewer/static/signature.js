@@ -3,7 +3,7 @@
 import { drawPath, drawText } from "./axes.js";
 import { drawCursor, drawLine, makeChart, withEdge } from "./chart.js";
 import { makeLevels } from "./levels.js";
-import { valueAt } from "./picture.js";
+import { edges, valueAt } from "./picture.js";
 import * as state from "./state.js";
 import { bodyOf } from "./truth.js";
 import { dot, element, fixed, makePanel, shownSegment, span } from "./ui.js";
@@ -30,7 +30,7 @@ export function makeSignature(page, { id = "signature", before = page.before } =
     view: () =>
       shown && {
         x: { limits: zoom.time.limits([clock.start, clock.stop]), name: "time", unit: "s" },
-        y: { limits: zoom.doppler.limits(band()), name: "Doppler", unit: "Hz" },
+        y: { limits: zoom.doppler.limits(band() ?? edges(levels.image.y)), name: "Doppler", unit: "Hz" },
         second: levels.image.y.second,
       },
     draw,
