@@ -67,13 +67,13 @@ TIME_LABEL, RANGE_LABEL = "time (s)", "range (m)"
 DOPPLER_LABEL = "Doppler frequency (Hz)"
 FROM_LINE_LABEL = "Doppler frequency from the main line (Hz)"
 VELOCITY_LABEL = "radial velocity (m/s), approaching positive"
-FROM_TORSO_LABEL = "velocity from the torso (m/s), approaching positive"
+FROM_TORSO_LABEL = "from the torso (m/s), approaching positive"
 SHORTER = (
-    (r"\), .*", ")"),
-    (r" re maximum\)", ")"),
+    (r"\), .*| re maximum\)", ")"),
     (r"Doppler frequency from the", "Doppler from"),
+    (r"Doppler (?=from)", ""),
     (r"Doppler frequency", "Doppler"),
-    (r"the (?=main line)|radial |normalised ", ""),
+    (r"radial |normalised ", ""),
 )
 """What shortens the label of a short axis, until it fits."""
 CADENCE_LABEL = "cadence (Hz)"
