@@ -114,6 +114,20 @@ def test_gate_and_target_of_a_recording_stay_with_it(browser, serve):
     page.close()
 
 
+def test_a_tab_that_comes_late_leaves_the_next_one_alone(browser, serve):
+    page = browser.new_page()
+    page.route("**/api/session", lambda route: route.fulfill(json={**route.fetch().json(), "kind": "dataset"}))
+    held = []
+    page.route("**/dataset_page.js", lambda route: held.append(route))
+    page.goto(serve() + START)
+    page.click("#tab-try")
+    expect(page.locator("#features")).to_contain_text("torso", timeout=SLOW)
+    held[0].continue_()
+    page.wait_for_timeout(500)
+    expect(page.locator("#features")).to_contain_text("torso")
+    page.close()
+
+
 def test_the_sound_follows_the_cursor(try_page):
     page = try_page
     times = """() => new Promise((done) => requestAnimationFrame(() => setTimeout(() => {

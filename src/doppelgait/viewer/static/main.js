@@ -37,8 +37,8 @@ async function openTab(session, names) {
   const mine = ++opening;
   shown?.page?.destroy?.();
   clearError();
-  const container = document.getElementById("page");
-  container.replaceChildren();
+  const container = element("div"); // each tab its own: one that is still loading does not empty the next
+  document.getElementById("page").replaceChildren(container);
   shown = { name, page: null };
   try {
     const page = await TABS[name].show(container, session);
