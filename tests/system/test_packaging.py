@@ -173,5 +173,5 @@ def test_the_wheel_builds_a_dataset_and_decides_with_its_models(run):
     run("doppelgait", "simulate", *person, "--duration", "4", "-o", "person.h5")
     out = run("doppelgait", "classify", "person.h5", "--json")
     decided = json.loads(out[out.index("{") : out.rindex("}") + 1])  # notes are before or behind it
-    assert decided["model"]["dataset"] == "shipped-x4"
-    assert [target["label"] for target in decided["targets"]] == ["human"]
+    assert decided["model"]["dataset"].startswith("home-alarm-life-x4")  # the network of tracks
+    assert [track["decision"] for track in decided["tracks"]] == ["human"]

@@ -147,9 +147,7 @@ def collect_inputs(
         missing = [name for name, column in columns.items() if column not in part.index]
         if missing:
             raise DatasetError(
-                f"{part.directory}: has no feature {missing[0]!r}"
-                + (f" and {len(missing) - 1} more of the set {feature_set!r}" if len(missing) > 1 else "")
-                + "; build or import it with the same analysis, or choose other --models"
+                f"{part.directory}: has no feature {missing[0]!r}; build it with the same analysis, or choose --models"
             )
     if feature_set == "extended" and not any(column.startswith("extended_") for column in columns):
         raise DatasetError(f"{rows.datasets[0].directory}: has no extended features; it was built without them")
@@ -206,7 +204,10 @@ def collect_answers(given: Any, rows: Rows, tested: IntArray) -> FloatArray:
 
 def _read_table(path: Path) -> pd.DataFrame:
     try:
-        return pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, dtype={"id": str})
+        if path.suffix == ".parquet":
+            return pd.read_parquet(path)
+        table = pd.read_csv(path, dtype={"id": str}, sep=None, engine="python")  # also semicolons
+        return table.loc[:, ~table.columns.str.startswith("Unnamed: ")]  # numbers by pandas
     except (OSError, ValueError, ImportError) as error:
         raise DatasetError(f"{path}: is no readable table (CSV or Parquet): {error}") from None
 

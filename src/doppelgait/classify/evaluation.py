@@ -380,6 +380,12 @@ def make_document(
             "calibrated": run.is_calibrated,
             "importance": run.importance,
         }
+    nuisance = models["nuisance"]["balanced_accuracy"] if "nuisance" in models else {"low": None}
+    if (nuisance["low"] or 0.0) > 1.0 / len(rows.classes):
+        said.append(
+            f"The nuisance parameters alone reach a balanced accuracy of {nuisance['value']:.2f}: "
+            "give level, range and speed one distribution for all classes, or a network learns these."
+        )
     datasets = [
         {"directory": str(one.directory), "origin": one.description.get("origin", "simulated"), "n_rows": len(one)}
         | {key: one.description.get(key) for key in ("id", "name", "config")}
@@ -477,10 +483,6 @@ def evaluate(
         If models or options are unknown or exclude each other; or if no model can be chosen to
         keep.
 
-    See Also
-    --------
-    write_report : write the scores as a page with figures.
-
     Examples
     --------
     >>> import doppelgait as dg
@@ -498,7 +500,9 @@ def evaluate(
     if chosen.answers is not None and not trained and (keep or day is not None):
         raise ConfigError("--answers: are of no model to save or to score as an alarm; name one to train by --models")
     if not trained and chosen.answers is None:
-        raise DatasetError(f"{rows.datasets[0].directory}: no model can be trained: {' '.join(skipped)}")
+        bare = {*(chosen.models or DEFAULT)} <= {*BASELINES}
+        reason = f"{', '.join(BASELINES)} are always scored; name a model, too" if bare else " ".join(skipped)
+        raise DatasetError(f"{rows.datasets[0].directory}: no model can be trained: {reason}")
     whole, seed = folds, chosen.seed
     if keep and (chosen.n_folds or chosen.left_out):
         sides = next(hold_back(rows, np.arange(len(rows)), seed))
@@ -515,9 +519,8 @@ def evaluate(
         own = f"own-{own}" if own in training.CLASSIFIERS else own
         runs[own] = run_answers(rows, collect_answers(chosen.answers, rows, folds[0].test), folds[0])
         notes.append(
-            f"{own} has your own probabilities, as they are: no calibration, a decision from 0.8 on, the alarm's "
-            "threshold from answers to validation, if any. Whether the network has learned from tested targets is "
-            "not known."
+            f"{own} has your own probabilities, not calibrated, and decides from 0.8 on; the alarm's threshold is "
+            "from answers to validation, if any. Whether it has learned from tested targets is not known."
         )
     tick = (lambda: on_progress(next(done), total)) if on_progress else (lambda: None)
     for name in tables:

@@ -39,6 +39,7 @@ Document = Mapping[str, Any]
 
 FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
 LISTING = "report.json"
+REPORT = {"listing": LISTING, "file_format": FORMAT, "command": "evaluate"}
 
 SCORES_TEXT = (
     "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact for few targets). "
@@ -243,12 +244,6 @@ def plot_importance(name: str, importance: Mapping[str, float]) -> Figure:
     return figure
 
 
-def check_folder(folder: Path) -> Path:
-    """Check the folder of a report without creating anything."""
-    check_out(folder, listing=LISTING, file_format=FORMAT, command="evaluate")
-    return folder
-
-
 def write_report(found: Evaluation, folder: str | Path, *, figure_format: str = "png") -> list[Path]:
     """Write the report of an evaluation to a folder.
 
@@ -283,7 +278,8 @@ def write_report(found: Evaluation, folder: str | Path, *, figure_format: str = 
     """
     from doppelgait.viz import save_figure
 
-    target, document = check_folder(Path(folder)), found.document
+    target, document = Path(folder), found.document
+    check_out(target, **REPORT)
     with complete_folder(target) as partial:
         pictures, vectors = [], []
         for name, words, figure in make_figures(document):

@@ -95,24 +95,14 @@ app.add_typer(motion.app, name="motion")
 app.add_typer(dataset.app, name="dataset")
 app.add_typer(radar.app, name="radar")
 app.add_typer(model.app, name="model")
-dataset.app.command("status")(dataset.status)
-dataset.app.command("verify")(dataset.verify)
-dataset.app.command("card")(dataset.card)
-dataset.app.command("export")(dataset.export)
-dataset.app.command("forms")(dataset.forms)
 dataset.app.command("import")(dataset.import_recordings)
-app.command("simulate")(simulate.simulate)
-app.command("analyze")(analyze.analyze)
-app.command("evaluate")(classify.evaluate)
-app.command("classify")(classify.classify)
-app.command("benchmark")(model.benchmark)
-app.command("live")(live.live)
-app.command("view")(view.view)
-app.command("listen")(listen.listen)
+for command in (dataset.status, dataset.verify, dataset.card, dataset.export, dataset.forms):
+    dataset.app.command()(command)
 app.command("demo")(simulate.run_demo)
-app.command("keys")(keys.keys)
-app.command("plugins")(keys.plugins)
-app.command("fetch")(keys.fetch)
+for command in (simulate.simulate, analyze.analyze, classify.evaluate, classify.classify, model.benchmark, live.live):
+    app.command()(command)
+for command in (view.view, listen.listen, keys.keys, keys.plugins, keys.fetch):
+    app.command()(command)
 
 _debug = False
 

@@ -49,8 +49,10 @@ def classify(
 ) -> None:
     """Classify a recording's targets with calibrated probabilities.
 
-    Where the model does not decide, the reason is printed. With --window-s or --hop-s the recording
-    is classified in windows: a table of tracks, and a timeline of the decisions about them.
+    Where the model does not decide, the reason is printed. A model with a network of tracks decides in
+    windows: a table of tracks, and a timeline of the decisions about them. Any model does so with
+    --window-s or --hop-s; else every target is decided by its longest segment, as are recordings
+    shorter than a window, results and --gate truth.
 
     Example: doppelgait classify walk.h5
 
@@ -72,17 +74,19 @@ def classify(
         loaded = loaded or (choose_model(results) if results else None)
         decisions = run_classification(recording, loaded)
     else:
+        from doppelgait.classify.timeline import check_window, classify_over_time
         from doppelgait.processing import Gate
 
         # resolve the path: a reader uses the name, and "." has none
         read = open_recording(recording.resolve() if recording.is_dir() else recording, options)
         loaded, choice = loaded or choose_model(read), Gate.parse(windows.pop("gate"), where="--gate")
         in_windows = any(value is not None for value in windows.values())
-        loaded = loaded.of_tracks if in_windows and choice == "track" else loaded
+        if choice == "track" and loaded.track is not None:
+            duration_s = read.slow_time_s[-1] - read.slow_time_s[0] + 1.5 / read.radar.prf_hz
+            in_windows = in_windows or duration_s > check_window(None, None, loaded)[0]
+            loaded = loaded.of_tracks if in_windows else loaded
         settings, tracking = parse_analysis(loaded.facts.analysis, changes)
         if in_windows:
-            from doppelgait.classify.timeline import check_window, classify_over_time
-
             windows["window_s"], windows["hop_s"] = check_window(**windows, model=loaded)
             used = {"gate": choice, "analysis": settings, "tracking": tracking}
             over_time = classify_over_time(read, loaded, **windows, **used)
@@ -111,8 +115,6 @@ def classify(
         print_table(rows) if rows else print_text("no target found")
         if loaded is not None and decisions:
             explain_model(loaded, model)
-            if loaded.track is not None:
-                print_message("note: every target is decided by one segment; --window-s 2.5 decides over its track")
 
 
 def describe_model(model: Model, file: str | None) -> dict[str, Any]:
@@ -219,11 +221,12 @@ def evaluate(
     from doppelgait.classify.c_code import find_obstacle
     from doppelgait.classify.evaluation import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
-    from doppelgait.classify.report import check_folder, list_sections, write_report
+    from doppelgait.classify.report import REPORT, list_sections, write_report
+    from doppelgait.core.files import check_out
 
     if save is not None:
         _check_save(save, output)
-    check_folder(output)
+    check_out(output, **REPORT)
     if names is not None or classes or of_reader:
         if clash := [name_flag(key) for key in ("n_folds", "left_out", "own") if options[key] is not None]:
             raise ConfigError(f"--names and {clash[0]}: use one of them; --names already reads the folder of --test")

@@ -329,7 +329,6 @@ def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status
         found = (path.stem.split("-") for path in sorted((folder / "shards").glob("*-*-of-*.h5")))
         named = (parts for parts in found if len(parts) == 4 and parts[0] in SPLITS and parts[3].isdecimal())
         counts = {split: int(count) for split, _, _, count in named}
-    identity = description["id"] if description["schema_version"] >= 3 else None
     removed = []
     for path in () if running else sorted([*folder.rglob("*.partial"), *folder.glob(PATTERN)]):
         holder = read_lock(path) if path.suffix == ".lock" else None
@@ -338,7 +337,7 @@ def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status
             removed.append(str(path.relative_to(folder)))
     shards, examples, n_failed = {}, set(), 0
     for name in list_shard_names(counts):
-        shards[name], record = find_shard(folder, name, identity, quick=quick)
+        shards[name], record = find_shard(folder, name, description["id"], quick=quick)
         examples |= {(name, row.get("scene_id")) for row in record.get("rows", ())}
         n_failed += len(record.get("failures", ()))
     return Status(

@@ -93,10 +93,9 @@ def build_feature_matrix(index: pd.DataFrame, names: str | Sequence[str], withou
                 f"{column}: holds {rows[column].dtype} values, which are not features; name numeric columns"
             )
     matrix = np.ascontiguousarray(rows[[*columns.values()]].to_numpy(dtype=np.float64, na_value=np.nan))
-    group = "group" if "group" in rows else "subject"  # schema version 1 had one target per scene
-    texts = {name: rows[name].to_numpy(dtype=str) for name in ("label", group, "id")}
+    texts = {name: rows[name].to_numpy(dtype=str) for name in ("label", "group", "id")}
     units = tuple(FEATURE_UNITS.get(name) or parse_unit(name) for name in columns)
-    return Features(matrix, texts["label"], texts[group], tuple(columns), units, texts["id"])
+    return Features(matrix, texts["label"], texts["group"], tuple(columns), units, texts["id"])
 
 
 def find_feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dict[str, str]:

@@ -39,7 +39,9 @@ SCHEMA_VERSION = 3
 """Schema version of the files of a dataset. 2: one row per target with scene, group, licence; axes by field; half
 precision. 3: the id of the dataset in every record, shard and index; a list of the hashes of all files."""
 
-DATASET = FileKind("doppelgait-dataset", SCHEMA_VERSION, "a dataset", DatasetError)
+DATASET = FileKind(
+    "doppelgait-dataset", SCHEMA_VERSION, "a dataset", DatasetError, oldest=SCHEMA_VERSION, remedy="make it again"
+)
 
 SUMS = "SHA256SUMS"
 """File with the hash of every file of a finished dataset, in the format of ``sha256sum -c``. It is written last."""
@@ -278,6 +280,7 @@ def read_description(folder: Path) -> dict[str, Any]:
         raise DatasetError(f"{folder}: contains no dataset; dataset.json is missing") from None
     except (OSError, ValueError, TypeError, RecursionError, ConfigError) as error:
         raise DatasetError(f"{folder}: is damaged: dataset.json: {str(error).removeprefix('dataset.json: ')}") from None
+    DATASET.check_version(folder, known.schema_version)
     return dict(description)
 
 
@@ -289,11 +292,6 @@ def find_dataset(target: Path, header: Header, *, ignored: Sequence[str] = ()) -
         return None
     described = read_description(target)
     stated, config = described["id"], described.get("config") or {}
-    if (schema := described.get("schema_version")) != SCHEMA_VERSION:
-        raise DatasetError(
-            f"{target}: has schema version {schema}, this doppelgait writes {SCHEMA_VERSION}; continue with the "
-            "doppelgait that started it, or make the dataset again in another folder"
-        )
     if stated == header.id:
         return described
     imported = header.origin == "imported"

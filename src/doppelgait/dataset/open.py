@@ -30,7 +30,7 @@ from doppelgait.dataset.example import (
     read_carrier_hz,
     resolve_section,
 )
-from doppelgait.dataset.finish import DATASET, read_description
+from doppelgait.dataset.finish import read_description
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
 from doppelgait.dataset.rows import (
     Array,
@@ -43,7 +43,7 @@ from doppelgait.dataset.rows import (
     select_rows,
     shuffled_rows,
 )
-from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, decode
+from doppelgait.dataset.shard_files import ShardFiles, decode
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import Result
 from doppelgait.processing import Analysis
@@ -134,8 +134,12 @@ class Dataset:
         Raises
         ------
         DatasetError
-            If the query names no column of the index or is no condition.
+            If the query names no column of the index or is no condition, or no such label or split exists.
         """
+        known = {"label": self.description["classes"], "split": SPLITS}
+        for name in known.keys() & columns.keys():
+            if strange := sorted({*map(str, np.atleast_1d(columns[name]))} - {*known[name]}):
+                raise DatasetError(f"select: {name} {strange[0]!r} is not one of {', '.join(known[name])}")
         terms = [f"{name} {'in' if isinstance(value, list) else '=='} {value!r}" for name, value in columns.items()]
         if terms:
             query = " and ".join([f"({query})", *terms] if query else terms)
@@ -295,8 +299,8 @@ class Dataset:
         for number in range(len(self)):
             raise_if_stopped()
             values[number] = read_fields(self, [field], patch, number)[field]
-        group = "group" if "group" in self.index else "subject"  # schema version 1 had one target per scene
-        return LabelledArrays(values, *(self.index[name].to_numpy(dtype=str) for name in ("label", group, "id")))
+        texts = (self.index[name].to_numpy(dtype=str) for name in ("label", "group", "id"))
+        return LabelledArrays(values, *texts)
 
     def batches(
         self,
@@ -454,17 +458,20 @@ def read_fields(dataset: Dataset, fields: Sequence[str], patch: Patch | None, nu
 
 
 @explain_memory
-def open_dataset(directory: str | Path) -> Dataset:
+def open_dataset(directory: str | Path, *, classes: Sequence[str] | None = None) -> Dataset:
     """Open a built dataset.
+
+    Parameters
+    ----------
+    classes : sequence of str, optional
+        Labels in the order of their numbers, as of a network that was trained on another dataset.
+        By default the order of ``dataset.json``: of the plan, or of the alphabet after an import.
 
     Raises
     ------
     DatasetError
-        If the folder contains no dataset, or the dataset is unfinished, damaged or from a newer version of doppelgait.
-
-    See Also
-    --------
-    doppelgait.dataset.build_dataset : build a dataset.
+        If the folder contains no dataset, or one that is unfinished, damaged or of another version;
+        or if ``classes`` repeats a label or lacks one of a row.
 
     Examples
     --------
@@ -482,24 +489,26 @@ def open_dataset(directory: str | Path) -> Dataset:
         if (folder / name).resolve().parent != folder.resolve():
             raise DatasetError(f"{folder}: {name} is a link that leads out of the folder; put the file itself there")
     description = read_description(folder)
-    version = description["schema_version"]
-    DATASET.check_version(folder, version)
-    identity = description["id"] if version >= 3 else None  # older datasets have the id in no other file
     try:
-        index = read_index(folder / "index.parquet", identity, description["classes"])
+        index = read_index(folder / "index.parquet", description["id"], description["classes"])
     except (OSError, ValueError, KeyError, TypeError, OverflowError, NotImplementedError) as error:
         raise DatasetError(f"{folder}: is damaged: {error}") from None
-    return Dataset(folder, description, index, ShardFiles(folder / "shards", identity))
+    if classes is not None:
+        labels = sorted(set(index["label"]))
+        if isinstance(classes, str) or len({*classes}) != len(classes) or not {*labels} <= {*classes}:
+            raise DatasetError(f"classes = {classes!r}: must be different labels, {', '.join(labels)} among them")
+        description = {**description, "classes": {label: n for n, label in enumerate(classes)}}
+    return Dataset(folder, description, index, ShardFiles(folder / "shards", description["id"]))
 
 
-def read_index(path: Path, identity: str | None, classes: Collection[str]) -> pd.DataFrame:
+def read_index(path: Path, identity: str, classes: Collection[str]) -> pd.DataFrame:
     """Read the index of a dataset, and check its columns."""
     import pyarrow.parquet as pq
 
     stat_regular(path)
     with pq.ParquetFile(path) as file:
         found = (file.schema_arrow.metadata or {}).get(b"dataset", b"").decode(errors="replace")
-        if identity is not None and found != identity:
+        if found != identity:
             raise ValueError(f"index.parquet: belongs to dataset {found!r}, dataset.json to {identity!r}")
         check_cost(path, CELL_BYTES // 4 * file.metadata.num_rows * file.metadata.num_columns)
         table = file.read()
@@ -522,6 +531,4 @@ def read_index(path: Path, identity: str | None, classes: Collection[str]) -> pd
     for name, known in (("split", SPLITS), ("label", classes)) if len(index) else ():
         if strange := sorted(set(index[name].unique()) - set(known)):
             raise ValueError(f"index.parquet: {name} {strange[0]!r} is not one of {', '.join(known)}")
-    if not any(name in index for name in INDEX_NAMES.values()):  # datasets of version 0.1
-        index = index.rename(columns=INDEX_NAMES)
     return index

@@ -186,8 +186,11 @@ def test_shuffled_labels_give_chance():
 def test_a_plan_that_gives_the_class_away_is_seen():
     dataset = made_up()
     dataset.index["prf_hz"] += 500.0 * (dataset.index["label"] == "dog")
-    nuisance = evaluate(dataset, models=["six-logistic"]).document["models"]["nuisance"]
-    assert nuisance["balanced_accuracy"]["value"] > 0.95
+    document = evaluate(dataset, models=["six-logistic"]).document
+    assert document["models"]["nuisance"]["balanced_accuracy"]["value"] > 0.95
+    assert any(note.startswith("The nuisance parameters alone reach") for note in document["notes"])
+    with pytest.raises(DatasetError, match="chance, nuisance, speed are always scored"):
+        evaluate(dataset, models=["chance"])
 
 
 def test_nuisances_without_a_plan_are_those_of_the_index_and_it_is_said():

@@ -55,7 +55,7 @@ def test_own_answers_are_scored_by_the_command_too(own, folder, tmp_path):
     answers = pd.read_csv(own / "report" / "answers.csv").rename(
         columns=lambda name: name.removeprefix("six-boosting:")
     )
-    answers[["id", "label", "human", "dog"]].to_csv(tmp_path / "mine.csv", index=False)
+    answers[["id", "label", "human", "dog"]].to_csv(tmp_path / "mine.csv", sep=";")
     shown = run("evaluate", folder, "-o", tmp_path / "r", "--answers", tmp_path / "mine.csv")
     assert "mine has your own probabilities" in shown.stderr
     scores = [json.loads((path / "scores.json").read_text())["models"] for path in (own / "report", tmp_path / "r")]
@@ -103,6 +103,13 @@ def test_a_recording_is_classified_in_windows(own):
     assert found["windows"][0]["window"] == alone.as_dict()
     text = text_of(*arguments)
     assert text.index("evidence") < text.index("timeline") < text.index("reason")
+
+
+def test_an_included_model_decides_over_tracks(own, tmp_path):
+    found = json.loads(text_of("classify", own / "walk.h5", "--json"))
+    assert [found["window_s"], len(found["tracks"]), len(found["windows"])] == [2.5, 1, 2]
+    write_recording(read_recording(own / "walk.h5").between(0.0, 2.4), tmp_path / "short.h5")
+    assert "targets" in json.loads(text_of("classify", tmp_path / "short.h5", "--json"))
 
 
 def test_a_stream_gives_the_decisions_of_its_file_and_keeps_a_log(own, tmp_path):

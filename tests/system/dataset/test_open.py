@@ -178,6 +178,9 @@ def test_select(dataset):
     assert np.array_equal(part.array("signature", 0), dataset.array("signature", number))
     assert len(dataset.select("prf_hz < 0")) == 0
     assert list(dataset.select("truth_range_m < 3.5", label="dog").index["id"]) == list(part.index["id"])
+    for strange in ({"label": "cat"}, {"label": ["dog", "cat"]}, {"split": "tset"}):
+        with pytest.raises(DatasetError, match=r"select: (label|split) '(cat|tset)' is not one of"):
+            dataset.select(**strange)
     split = dataset.select(label=["dog", "human"], split="test")
     assert list(split.index["id"]) == list(dataset["test"].index["id"])
     assert (dataset[0].id, dataset[-1].id) == (index["id"].iloc[0], index["id"].iloc[-1])
@@ -215,28 +218,19 @@ def edited(folder, target, **changes):
     return target
 
 
-def test_newer_schema_is_refused(folder, tmp_path):
-    with pytest.raises(DatasetError, match="is a dataset in format version 99; this one reads 1 to 3; install"):
-        open_dataset(edited(folder, tmp_path / "new", schema_version=99))
+def test_classes_are_numbered_as_another_dataset_has_them(folder):
+    dataset = open_dataset(folder, classes=["cat", "dog", "human"])
+    assert dict(zip(dataset.index["label"], dataset.class_numbers(), strict=True)) == {"human": 2, "dog": 1}
+    assert list(dataset.class_weights()) == ["cat", "dog", "human"]
+    for wrong in (["dog"], ["dog", "dog", "human"], "dog"):
+        with pytest.raises(DatasetError, match="classes = "):
+            open_dataset(folder, classes=wrong)
 
 
-def test_first_schema_is_read(folder, tmp_path):
-    """Version 1: no group, no licence, no scale, axes for the signature only, another name of the flags."""
-    facts = {"dims": ["time", "doppler"], "units": "V^2", "dtype": "float32"}
-    cadence = {"dims": ["cadence", "doppler"], "units": "1", "dtype": "float32"}
-    old = edited(folder, tmp_path / "old", schema_version=1, fields={"signature": facts, "cadence_map": cadence})
-    index = pd.read_parquet(old / "index.parquet").drop(columns=["group", "licence"])
-    index.rename(columns={"quality_flags": "flags"}).to_parquet(old / "index.parquet", index=False)
-    for path in (old / "shards").glob("*.h5"):
-        with h5py.File(path, "a") as file:
-            for name in ("cadence_map_cadence_hz", "cadence_map_doppler_hz"):
-                del file[name]
-    dataset = open_dataset(old)
-    pd.testing.assert_frame_equal(dataset.index, index)
-    example, now = (data["human-000002"] for data in (dataset, open_dataset(folder)))
-    assert example.signature.identical(now.signature)
-    assert not example.cadence_map.coords
-    assert list(dataset.features().groups) == list(index["subject"])
+@pytest.mark.parametrize(("version", "remedy"), [(99, "install"), (2, "make it again")])
+def test_another_schema_is_refused(folder, tmp_path, version, remedy):
+    with pytest.raises(DatasetError, match=f"is a dataset in format version {version}; this one reads 3; {remedy}"):
+        open_dataset(edited(folder, tmp_path / "new", schema_version=version))
 
 
 @pytest.mark.parametrize("name", ["dataset.json", "index.parquet"])

@@ -82,7 +82,7 @@ def test_a_dataset_of_another_schema_is_not_touched_by_a_build(copy, schema):
     (copy / "dataset.json").write_text(json.dumps({**description, "schema_version": schema, "complete": False}))
     (copy / "shards" / "test-00000-of-00001.json").unlink()
     before = dataset_hash(copy)
-    with pytest.raises(DatasetError, match=f"has schema version {schema}, this doppelgait writes 3"):
+    with pytest.raises(DatasetError, match=f"in format version {schema}; this one reads 3"):
         build(copy)
     assert dataset_hash(copy) == before
 

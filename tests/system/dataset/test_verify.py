@@ -250,7 +250,7 @@ def test_what_cannot_be_verified_is_one_clear_error(copy, tmp_path):
         verify(copy, share=2)
     description = json.loads((copy / "dataset.json").read_text())
     (copy / "dataset.json").write_text(json.dumps({**description, "schema_version": 9}))
-    with pytest.raises(DatasetError, match="has schema version 9"):
+    with pytest.raises(DatasetError, match="in format version 9"):
         verify(copy)
 
 

@@ -192,6 +192,7 @@ MEASURED_LEAKS = {
 """Columns of the index that follow a key of ``dataset.leaks``, in addition to the key itself."""
 UNSEEN = ("target.rcs", "rcs_total_m2", "snr_frame_db")
 """Levels of echoes; an empty room has none, so that other parameters judge such a class."""
+LEAK_FIX = "sample them from one distribution for every class, or name them in dataset.leaks"
 RCS_FIX = (
     "the default cross section follows body mass: set [target] rcs = { total_m2 = { log_uniform = [0.1, 1.6] } } or "
     "another law for all classes, or list 'target.rcs' in dataset.leaks"
@@ -226,8 +227,8 @@ def check_nuisance(contents: Contents) -> Check:
     numbers = {words: guess.as_dict() for words, guess in guesses.items()}
     predicted = [describe_guess(words, guess, table) for words, guess in guesses.items() if guess.leaks]
     if predicted:
-        if "target.rcs.total_m2" not in table and any("rcs_total_m2" in words for words in predicted):
-            predicted.append(RCS_FIX)
+        unstated = "target.rcs.total_m2" not in table and any("rcs_total_m2" in words for words in predicted)
+        predicted.append(RCS_FIX if unstated else LEAK_FIX)
         return Check("warning" if contents.measured else "failed", "; ".join(predicted) + declared, numbers)
     unclear = "; ".join(f"{words}: {guess.reason}" for words, guess in guesses.items() if guess.reason)
     listed = "; ".join(
@@ -365,7 +366,7 @@ def refuse_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, l
     # the range error of the gates is not judged: no key can make it differ by class
     table = select_varying(drop_leaks(tabulate_examples(moving), (*leaks, *UNJUDGED)))
     if leak := find_leak(table, rng):
-        raise DatasetError(f"{leak}; sample them from one distribution for every class")
+        raise DatasetError(f"{leak}; {LEAK_FIX}")
 
 
 def warn_of_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:

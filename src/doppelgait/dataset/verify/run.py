@@ -12,11 +12,10 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, OutputError
+from doppelgait.core.errors import ConfigError, DoppelgaitError, OutputError
 from doppelgait.dataset.config import Progress
 from doppelgait.dataset.finish import (
     DATA_VERSION,
-    SCHEMA_VERSION,
     list_shard_names,
     make_index,
     read_description,
@@ -113,11 +112,6 @@ def verify_dataset(
         raise ConfigError(f"share = {share}: is not allowed; must be from 0 to 1")
     began, target = time.monotonic(), Path(directory)
     description = read_description(target)
-    if (version := description["schema_version"]) != SCHEMA_VERSION:
-        raise DatasetError(
-            f"{directory}: has schema version {version}, verify needs {SCHEMA_VERSION}; "
-            "use the doppelgait that made it, or build it again"
-        )
     done, total = 0, 2 * len(list_shard_names(description.get("shards", ())))  # shards are read twice
 
     def tick() -> None:
