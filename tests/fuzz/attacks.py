@@ -183,7 +183,7 @@ def settings_with_brackets(text: str) -> str:
     return row + text.replace("prf_hz = 25.0", "prf_hz = 'x'")
 
 
-@edited("radar-sigmf", "a.sigmf-meta")
+@edited("radar-sigmf", "walk.sigmf-meta")
 def sigmf_without_ranges(text: str) -> str:
     content = json.loads(text)
     content["global"]["doppelgait:range_m"] = []

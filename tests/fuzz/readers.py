@@ -4,7 +4,7 @@ import json
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -216,17 +216,6 @@ def check_motion(motion: Any) -> None:
     assert least > 0.02 and most < 27.0, f"a body of {least:g} to {most:g} m"
 
 
-def small_recording(**facts: Any) -> Any:
-    from doppelgait.core.labels import BASEBAND, make_array
-    from doppelgait.radar import Radar, Recording
-
-    rng = np.random.default_rng(1)
-    radar = Radar.preset("x4", prf_hz=25, range_start_m=0.5, range_stop_m=0.5 + 6 * 0.0514)
-    coords = {"slow_time": np.arange(16) / 25.0, "range": 0.45 + 0.05144 * np.arange(6)}
-    values = (rng.normal(size=(16, 6)) + 1j * rng.normal(size=(16, 6))).astype(np.complex64)
-    return Recording.from_baseband(make_array(BASEBAND, values, coords, {"radar": "{}"}), radar, source="x", **facts)
-
-
 def simulated() -> Any:
     import doppelgait as dg
 
@@ -240,7 +229,8 @@ def own_seeds(folder: Path) -> None:
     from doppelgait.radar import write_recording
 
     (folder / "0").mkdir(parents=True)
-    write_recording(small_recording(notes=["n"], noise_power_v2=0.1, seed=3), folder / "0" / "a.h5")
+    noted = replace(recording_files.make_recording(), notes=["n"], noise_power_v2=0.1)
+    write_recording(noted, folder / "0" / "a.h5")
     (folder / "1").mkdir()
     write_recording(simulated(), folder / "1" / "a.h5")
 
@@ -258,10 +248,7 @@ def result_seeds(folder: Path) -> None:
 
 
 def radar_arrays_seeds(folder: Path) -> None:
-    from doppelgait.radar.readers.arrays import write_arrays
-
-    (folder / "0").mkdir(parents=True)
-    write_arrays(small_recording(notes=["n"]), folder / "0" / "a.npz")
+    recording_files.write_sample("arrays", folder / "0")
     rng = np.random.default_rng(2)
     facts = 'prf_hz = 25.0\ncarrier_hz = 7.29e9\nrange_start_m = 0.4\nbin_spacing_m = 0.05\nscale_v = 1e-3\n[radar]\npreset = "x4"\n'
     _text(folder / "1" / "a.toml", facts)
@@ -303,10 +290,7 @@ def acconeer_seeds(folder: Path) -> None:
 
 
 def sigmf_seeds(folder: Path) -> None:
-    from doppelgait.radar.readers.sigmf import write_sigmf
-
-    (folder / "0").mkdir(parents=True)
-    write_sigmf(small_recording(notes=["n"]), folder / "0" / "a.sigmf-meta")
+    recording_files.write_sample("sigmf", folder / "0")
     meta = {"global": {"core:datatype": "ci16_le", "core:version": "1.0.0", "core:sample_rate": 400.0},
             "captures": [{"core:sample_start": 0, "core:frequency": 24e9}], "annotations": []}  # fmt: skip
     _text(folder / "1" / "a.sigmf-meta", json.dumps(meta))
@@ -322,11 +306,7 @@ def xethru_seeds(folder: Path) -> None:
     add_user_headers(made, b"HI")
 
 
-DCA1000 = {
-    "device": "xwr16xx", "output": "complex1x", "receivers": [0, 1], "n_samples": 8, "sample_rate_hz": 2e6,
-    "start_hz": 77e9, "slope_hz_per_s": 20e12, "idle_s": 50e-6, "adc_start_s": 5e-6, "ramp_s": 50e-6,
-    "chirps_per_loop": 1, "loops": 4, "frames": 0, "frame_period_s": 1.6e-3,
-}  # fmt: skip
+DCA1000 = {**recording_files.CHIRPS, "receivers": [0, 1], "n_samples": 8, "loops": 4}
 CFG = """% Platform:xWR18xx
 channelCfg 3 1 0
 adcCfg 2 1
