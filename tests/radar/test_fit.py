@@ -216,16 +216,6 @@ def test_series_maximises_the_dense_gaussian_likelihood() -> None:
     assert found.drift_per_s.sd == pytest.approx((step @ inverse @ step) ** -0.5, rel=2e-3)
 
 
-def test_series_takes_off_what_the_measurement_adds_and_knows_a_pure_ramp() -> None:
-    rng = np.random.default_rng(8)
-    time_s = np.arange(4000) / 25.0
-    found = room_fit.fit_series(0.05 * rng.normal(size=4000), time_s=time_s, measurement_variance=0.03**2)
-    assert abs(found.white.value - 0.04) < 4 * found.white.sd
-    ramp = room_fit.fit_series(0.5 * time_s, time_s=time_s)
-    assert ramp.drift_per_s.value == pytest.approx(0.5)
-    assert ramp.white.value == pytest.approx(0.0, abs=1e-9)
-
-
 def test_leverage_and_phase_variance_equal_those_of_the_dense_covariance() -> None:
     rng = np.random.default_rng(9)
     n, power = 30, 0.3
@@ -315,13 +305,6 @@ def test_a_kind_has_the_interference_of_half_its_recordings(struck: int, is_shar
     assert kind.pooled["burst_rate_hz"].count == 3
 
 
-def test_missing_times_count_as_lost() -> None:
-    time_s = np.delete(np.arange(200) / 10.0, [20, 21, 90])
-    faults = room_fit.find_frame_faults(normal(np.random.default_rng(1), 197, 8), slow_time_s=time_s)
-    assert faults.lost == faults.faulty == 3
-    assert not faults.dropped.any()
-
-
 @pytest.mark.parametrize("length", [1.0, 4.0])
 def test_the_share_of_dropped_frames_lies_within_its_uncertainty(length: float) -> None:
     scores = []
@@ -392,10 +375,6 @@ def test_preset_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Pat
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     specs = [make_impairment(entry) for entry in table["impairments"]]
     assert [entry["kind"] for entry in table["impairments"]] == ["static_clutter", "phase_noise", "dropped_frames"]
-    phase = table["impairments"][1]
-    assert phase["white_rad"] == pytest.approx(first.estimates["white_rad"].value, rel=1e-3)
-    assert phase["walk_rad_per_sqrt_min"] == pytest.approx(WALK, rel=0.4)
-    assert phase["drift_rad_per_min"] == pytest.approx(DRIFT, rel=0.6)
     noise = make_impairment({"kind": "thermal_noise"})
     rng = np.random.default_rng(3)
     made = apply_impairments(np.zeros((600, RANGE_M.size), np.complex64), [*specs[:2], noise], radar=preset, rng=rng)
@@ -446,14 +425,18 @@ def test_estimates_convert_with_their_uncertainty() -> None:
     assert room_fit.take_root(-1.0, 0.04).sd == pytest.approx(0.2)
 
 
-def test_command_writes_a_preset_and_a_figure(tmp_path: Path) -> None:
-    source, preset = tmp_path / "empty.h5", tmp_path / "preset.toml"
-    write_recording(recording(room(22)[0]), source)
-    done = run("radar", "fit", source, "-o", preset, "--figures", tmp_path / "figures")
+def test_command_writes_the_preset_and_a_figure_of_a_folder(tmp_path: Path) -> None:
+    week, preset = tmp_path / "week", tmp_path / "preset.toml"
+    (week / "monday").mkdir(parents=True)
+    (week / "notes.txt").write_text("none of them", encoding="utf-8")
+    for seed, name in ((22, "a.h5"), (23, "monday/b.h5")):
+        write_recording(recording(room(seed)[0]), week / name)
+    done = run("radar", "fit", week, "-o", preset, "--figures", tmp_path / "figures")
     assert "phase jitter, white" in done.output
     assert "clutter at" in done.output
     assert (tmp_path / "figures" / "twin-fit.png").stat().st_size > 10_000
     assert Radar.preset(str(preset)).prf_hz == PRF_HZ
+    run("radar", "fit", week, "-o", preset, "--start", 1, code=2)
 
 
 @pytest.mark.parametrize(
@@ -726,14 +709,3 @@ def test_recordings_that_do_not_fit_the_others_are_left_out_with_a_line() -> Non
         assert any(why in line for line in kind.left_out)
     with pytest.raises(AnalysisError, match="no recording can be used"):
         radar_fit.fit_sensor([short])
-
-
-def test_a_folder_on_the_command_line(tmp_path: Path) -> None:
-    (tmp_path / "week" / "monday").mkdir(parents=True)
-    for number, one in enumerate(several(4)):
-        write_recording(one, tmp_path / "week" / ("monday" if number % 2 else ".") / f"{number}.h5")
-    (tmp_path / "week" / "notes.txt").write_text("none of them", encoding="utf-8")
-    out = tmp_path / "my.toml"
-    assert "gain of Q" in run("radar", "fit", tmp_path / "week", "-o", out).output
-    assert Radar.preset(out).waveform.kind == "cw"
-    run("radar", "fit", tmp_path / "week", "-o", out, "--start", 1, code=2)

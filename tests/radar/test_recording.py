@@ -42,12 +42,6 @@ def test_truth_of_a_part_is_that_of_its_pulses(walk):
     assert times_s.size == round(0.75 * 500 / 9)
 
 
-def test_all_of_a_recording_is_itself(walk):
-    part = walk.between(-1.0, 99.0)
-    np.testing.assert_array_equal(part.baseband.values, walk.baseband.values)
-    assert part.snr_frame_db == walk.snr_frame_db
-
-
 def test_bursts_stay_whole(walk):
     bursts = walk.with_baseband(walk.baseband.assign_attrs(burst_pulses=100), truth=())
     np.testing.assert_array_equal(bursts.between(0.1, 0.95).slow_time_s, np.arange(100, 400) / 500.0)

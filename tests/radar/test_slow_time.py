@@ -204,14 +204,6 @@ def test_times_of_arrays(stamps_s, prf_hz, said, rate_hz, size):
     assert rate_hz is None or recording.radar.prf_hz == pytest.approx(rate_hz, rel=1e-3)
 
 
-def test_a_pulse_far_from_the_others_is_not_analysed(walk):
-    whole = dg.analyze(walk, gate=(1.0, 9.0))[0]
-    times_s = np.append(walk.slow_time_s[:1] - 1.0, walk.slow_time_s[1:])
-    with pytest.warns(DoppelgaitWarning, match="1 pause of up to 1 s"):
-        found = dg.analyze(read(walk, slice(None), times_s, 640.0), gate=(1.0, 9.0))[0]
-    assert found.features.torso_velocity_mps == pytest.approx(whole.features.torso_velocity_mps, rel=5e-3)
-
-
 @pytest.mark.parametrize("gate", ["track", (1.0, 9.0)])
 def test_a_walk_is_measured_on_both_sides_of_a_pause_and_with_lost_pulses(walk, gate):
     whole = dg.analyze(walk, gate=gate)[0]

@@ -2,15 +2,12 @@
 
 from contextlib import nullcontext
 
-import h5py
 import numpy as np
 import pytest
 
 from acconeer_file import subsweep, write_a111, write_file
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.radar.readers import find_formats, read_recording
-
-C = 299_792_458.0
 
 
 def test_values_axes_and_times(tmp_path):
@@ -55,16 +52,6 @@ def test_times_of_frames(tmp_path, config, ticks, starts_s, note):
     np.testing.assert_allclose(recording.baseband.slow_time.values[::16], starts_s)
     assert ("burst_pulses" in recording.baseband.attrs) is (config is not CONTINUOUS)
     assert any(note in text for text in recording.notes)
-
-
-def test_one_sweep_a_frame_runs_at_the_frame_rate(tmp_path):
-    values = np.ones((50, 1, 6)) * (3 + 4j)
-    ticks = np.round(1000 + 33.3 * np.arange(50))  # whole milliseconds
-    recording = read_recording(write_file(tmp_path / "a.h5", values, ticks=ticks, ticks_per_second=1000))
-    assert recording.radar.prf_hz == pytest.approx(1000 / 33.3, rel=1e-3)
-    steps = np.diff(recording.baseband.slow_time.values)
-    np.testing.assert_allclose(steps, steps[0], rtol=1e-9)
-    assert "burst_pulses" not in recording.baseband.attrs
 
 
 def test_subsweeps_follow_one_another(tmp_path):
@@ -132,20 +119,6 @@ def test_facts_that_are_not_stored(tmp_path):
     assert recording.radar.prf_hz == 800.0
     assert recording.baseband.range.values[0] == pytest.approx(0.5)
     assert any("0.0025 m is taken" in note for note in recording.notes)
-
-
-def test_what_it_is_not(tmp_path):
-    other = tmp_path / "other.h5"
-    with h5py.File(other, "w") as file:
-        file["generation"] = "a121"
-    (tmp_path / "text.h5").write_text("sessions")
-    assert not any(find_formats(one) for one in (other, tmp_path / "text.h5", tmp_path / "none.h5", tmp_path))
-    with pytest.raises(RecordingError, match="not an HDF5 file"):
-        read_recording(tmp_path / "text.h5", format="acconeer")
-    with pytest.raises(RecordingError, match="No such file"):
-        read_recording(tmp_path / "none.h5", format="acconeer")
-    with pytest.raises(RecordingError, match="is damaged or not a recording"):
-        read_recording(other, format="acconeer")
 
 
 @pytest.mark.parametrize(

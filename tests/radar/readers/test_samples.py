@@ -9,7 +9,6 @@ from scipy.io import wavfile
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.radar import read_recording
-from doppelgait.radar.readers import find_formats, find_recordings
 
 RATE_HZ, CARRIER_HZ, DOPPLER_HZ = 500.0, 24.15e9, 60.0
 TIME_S = np.arange(1000) / RATE_HZ
@@ -113,14 +112,6 @@ def save(path, text):
     path.write_text(text)
 
 
-def test_numbers_of_several_range_bins(tmp_path):
-    (PAIRS.reshape(100, 10, 2) * [1, 1]).astype("<f4").tofile(tmp_path / "a.cf32")
-    facts = {"prf_hz": 50.0, "carrier_hz": CARRIER_HZ, "range_start_m": 0.3, "bin_spacing_m": 0.1}
-    recording = read_recording(tmp_path / "a.cf32", samples_per_pulse=10, **facts)
-    np.testing.assert_allclose(recording.samples.matrix, IQ.reshape(100, 10), atol=1e-6)
-    np.testing.assert_allclose(recording.range_m, 0.3 + 0.1 * np.arange(10))
-
-
 @pytest.mark.parametrize(
     ("name", "write", "options", "said"),
     [
@@ -176,11 +167,3 @@ def test_rows_that_a_counter_misses_are_lost_frames(tmp_path, name, wrap):
     np.testing.assert_allclose(recording.samples.matrix[330:340, 0], IQ[330:340], atol=1e-6)
     with pytest.warns(DoppelgaitWarning, match="a counter has gaps: rows are lost; give prf_hz"):
         read_recording(tmp_path / "a.csv", radar="infineon-24")
-
-
-def test_tables_in_a_folder_are_recordings_by_their_content_only(tmp_path):
-    save(tmp_path / "labels.csv", "file,class\na.cs16,walk\n")
-    WAYS["a.csv"](tmp_path / "a.csv")
-    WAYS["a.cs16"](tmp_path / "a.cs16")
-    assert [path.name for path, _ in find_recordings([tmp_path])] == ["a.cs16", "a.csv"]
-    assert find_formats(tmp_path / "a.csv") == ["csv"]

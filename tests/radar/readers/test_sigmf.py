@@ -87,20 +87,6 @@ def test_the_sigmf_package_takes_them(tmp_path):
         assert len(theirs.get_captures()) == 4
 
 
-def test_the_sigmf_package_writes_what_is_read(tmp_path):
-    sigmf = pytest.importorskip("sigmf")
-    TURN.tofile(tmp_path / "x.sigmf-data")
-    theirs = sigmf.SigMFFile(
-        data_file=str(tmp_path / "x.sigmf-data"),
-        global_info={"core:datatype": "cf32_le", "core:sample_rate": 3000.0, "core:version": "1.0.0"},
-    )
-    theirs.add_capture(0, metadata={"core:frequency": 10.525e9})
-    theirs.tofile(str(tmp_path / "x.sigmf-meta"))
-    recording = read_recording(tmp_path / "x.sigmf-meta")
-    assert np.array_equal(recording.baseband.values[:, 0], TURN)
-    assert (recording.radar.carrier_hz, recording.radar.prf_hz) == (10.525e9, 3000.0)
-
-
 def test_sixteen_bit(tmp_path):
     recording = make_recording()
     write_sigmf(recording, tmp_path / "walk", datatype="ci16_le")
