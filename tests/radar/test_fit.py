@@ -425,18 +425,14 @@ def test_estimates_convert_with_their_uncertainty() -> None:
     assert room_fit.take_root(-1.0, 0.04).sd == pytest.approx(0.2)
 
 
-def test_command_writes_the_preset_and_a_figure_of_a_folder(tmp_path: Path) -> None:
-    week, preset = tmp_path / "week", tmp_path / "preset.toml"
-    (week / "monday").mkdir(parents=True)
-    (week / "notes.txt").write_text("none of them", encoding="utf-8")
-    for seed, name in ((22, "a.h5"), (23, "monday/b.h5")):
-        write_recording(recording(room(seed)[0]), week / name)
-    done = run("radar", "fit", week, "-o", preset, "--figures", tmp_path / "figures")
+def test_command_writes_a_preset_and_a_figure(tmp_path: Path) -> None:
+    source, preset = tmp_path / "empty.h5", tmp_path / "preset.toml"
+    write_recording(recording(room(22)[0]), source)
+    done = run("radar", "fit", source, "-o", preset, "--figures", tmp_path / "figures")
     assert "phase jitter, white" in done.output
     assert "clutter at" in done.output
     assert (tmp_path / "figures" / "twin-fit.png").stat().st_size > 10_000
     assert Radar.preset(str(preset)).prf_hz == PRF_HZ
-    run("radar", "fit", week, "-o", preset, "--start", 1, code=2)
 
 
 @pytest.mark.parametrize(
@@ -709,3 +705,14 @@ def test_recordings_that_do_not_fit_the_others_are_left_out_with_a_line() -> Non
         assert any(why in line for line in kind.left_out)
     with pytest.raises(AnalysisError, match="no recording can be used"):
         radar_fit.fit_sensor([short])
+
+
+def test_a_folder_on_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "week" / "monday").mkdir(parents=True)
+    for number, one in enumerate(several(4)):
+        write_recording(one, tmp_path / "week" / ("monday" if number % 2 else ".") / f"{number}.h5")
+    (tmp_path / "week" / "notes.txt").write_text("none of them", encoding="utf-8")
+    out = tmp_path / "my.toml"
+    assert "gain of Q" in run("radar", "fit", tmp_path / "week", "-o", out).output
+    assert Radar.preset(out).waveform.kind == "cw"
+    run("radar", "fit", tmp_path / "week", "-o", out, "--start", 1, code=2)

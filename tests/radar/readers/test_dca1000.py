@@ -257,26 +257,17 @@ def test_ti_text_that_is_wrong(tmp_path, old, new, message):
     [
         ({"n_samples": None}, "n_samples"),
         ({"n_samples": 63}, r"n_samples \(line 4\): 63 is not allowed; it must be even"),
-        ({"device": "xwr99xx"}, "device"),
         ({"receivers": [0, 0]}, "receivers"),
-        ({"receivers": [4]}, "receivers"),
         ({"ramp_s": 30e-6}, r"ramp_s \(line 10\): 3e-05 is shorter than adc_start_s and 64 samples"),
         ({"frame_period_s": 1e-3}, r"frame_period_s \(line 14\): 0.001 is shorter than 16 loops of 1 chirps, 0.0016 s"),
-        ({"slope": 3}, "slope"),
         ({"slope": "x" * 2**20}, r"walk\.toml: has .* bytes, at most 1,048,576 are read"),
         ({"frames": 1}, "2 frames and 0 bytes more; by walk.toml it has 1"),
-        (
-            {"loops": 15},
-            r"which is 2 frames and 1,024 bytes more; by walk.toml it has any number of frames, each of 15 loops",
-        ),
+        ({"loops": 15}, "2 frames and 1,024 bytes more; by walk.toml it has any number of frames, each of 15 loops"),
         ({"rx": 2}, "on are 0, 1, and sum"),
-        ({"rx": True}, "rx = True"),
         ({"chirp": 1}, "give chirp = 0 to 0 of a loop"),
         ({"config": "none.toml"}, "no such file of radar settings"),
         ({"range_stop_m": 99}, "the ranges end at 14.99"),
         (slice(-6), "shorten it to 8,192 bytes"),
-        (slice(0), "which is 0 frames"),
-        (slice(100), "100 bytes"),
     ],
 )
 def test_settings_options_and_sizes_that_are_wrong(tmp_path, change, message):

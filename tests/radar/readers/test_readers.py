@@ -225,9 +225,7 @@ def write_v73(path, content):
     ("content", "options", "prf_hz", "n_bins"),
     [
         ({"data": TURN, "Fs": 200.0, "fc": 24e9}, {}, 200.0, 1),
-        ({"data": TURN[:, None], "sampleRate": 200.0, "fc": 24e9, "other": np.ones(3)}, {}, 200.0, 1),
         ({"I": TURN.real, "Q": TURN.imag, "fs": 200.0}, {"carrier_hz": 24e9}, 200.0, 1),
-        ({"x": TURN, "y": 2 * TURN, "fs": 200.0, "fc": 24e9}, {"matrix": "x"}, 200.0, 1),
         ({"x": TURN, "t": 5.0 + np.arange(60) / 80.0, "fs": 200.0, "fc": 24e9}, {}, 80.0, 1),
         ({"x": TURN, "fs": 200.0, "prf": 100.0, "fc": 24e9}, {"prf_hz": 50.0}, 50.0, 1),
         ({"m": np.outer(TURN, [1, 2, 3]), "fs": 2e6, "prf": 90.0, "fc": 24e9, "range": [1.0, 1.5, 2.0]}, {}, 90.0, 3),
@@ -276,28 +274,20 @@ FRAMES = rf_frames([1.5, 1.5])
     [
         ({"Data_Matrix": None, "other": 1.0}, {}, r"has no Data_Matrix.*; it holds .*other"),
         ({"actual_fps": None}, {}, r"has no actual_fps; give it: prf_hz=\.\.\."),
-        ({"actual_fps": 0.0}, {}, r"actual_fps = 0\.0 is not allowed; it must be a number above 1e-06"),
         ({"actual_fps": [1.0, 2.0]}, {}, r"actual_fps has 2 values"),
-        ({"bin_length": None}, {}, r"has no bin_length; give it: bin_spacing_m=\.\.\."),
         ({"range_axis": None, "frame_start": None}, {}, r"or frame_start; give it: range_start_m=\.\.\."),
         ({"range_axis": np.arange(7.0)}, {}, r"range_axis has 7 values that are not the ranges of 400 bins"),
         ({"range_axis": 2 * BIN_M * np.arange(400.0)}, {}, r"are not the ranges of 400 bins, 0\.00643004 m apart"),
         ({"Data_Matrix": FRAMES + 0j}, {}, r"carrier_hz.* stated nowhere"),
-        ({"Data_Matrix": np.zeros((2, 20)), "range_axis": None}, {}, r"rf\.mat: RF frames of 20 samples"),
         ({"Data_Matrix": FRAMES[:1]}, {}, r"holds 1 pulses of 400 range bins"),
         ({"Data_Matrix": np.where(np.arange(400) == 7, np.nan, FRAMES)}, {}, r"2 of 800 values are NaN.*bin 7"),
         ({"baseband": 1.0}, {}, r"baseband = 1"),
         ({}, {"carrier_hz": 12e9}, r"carrier_hz 1\.2e\+10 is not allowed"),
-        ({}, {"carrier_hz": "7"}, r"carrier_hz = '7' is not allowed; it must be a number"),
-        ({}, {"prf_hz": -1}, r"prf_hz = -1 is not allowed"),
         ({}, {"radar": "x5"}, r"unknown radar preset 'x5'"),
-        ({}, {"matrix": 1}, r"matrix = 1 is not allowed"),
-        ({}, {"filter": "box"}, r"filter = 'box' is not allowed"),
         # facts of samples at baseband are taken only where there is one
         ({"x": TURN, "y": TURN, "fs": 200.0}, {}, r"not one complex variable; it holds .*give matrix='x'"),
         ({"x": TURN, "fs": 200.0, "prf": 100.0, "fc": 24e9}, {}, "prf_hz is stated nowhere"),
         ({"m": np.outer(TURN, [1, 2]), "fs": 2e6, "fc": 24e9}, {}, "prf_hz, range_start_m, bin_spacing_m are stated"),
-        ({"x": TURN, "fs": 200.0, "fc": 24.125}, {}, "carrier_hz: 24.125 is not allowed"),
     ],
 )
 def test_what_a_matlab_file_lacks_or_says_wrong_is_named(tmp_path, changes, options, said):
@@ -315,14 +305,11 @@ def layouts():
     pairs = np.stack([VALUES.real, VALUES.imag], axis=-1)
     return {
         "complex": ({"baseband": VALUES}, ""),
-        "only array": ({"anything": VALUES.astype(np.complex128)}, ""),
         "i and q": ({"i": VALUES.real, "q": VALUES.imag}, ""),
-        "integers": ({"i": VALUES.real.astype(np.int16), "q": VALUES.imag.astype(np.int16)}, ""),
         "last axis": ({"baseband": pairs.astype(np.int32)}, ""),
         "columns": ({"baseband": VALUES.T}, "time_first = false\n"),
         "conjugate": ({"baseband": VALUES.conj()}, "conjugate = true\n"),
         "scaled": ({"baseband": VALUES * 8}, "scale_v = 0.125\n"),
-        "fortran": ({"baseband": np.asfortranarray(VALUES)}, ""),
         "by name": ({"a": VALUES, "b": 2 * VALUES}, 'key = "a"\n'),
         "big endian": ({"baseband": VALUES.astype(">c8")}, ""),
     }
@@ -405,18 +392,12 @@ def test_axes_in_the_file_are_taken_as_they_are(tmp_path):
     ("text", "said"),
     [
         ("prf_hz = 100\n", r"a\.npy: range_start_m, bin_spacing_m are stated nowhere.*a\.toml"),
-        ("range_start_m = 0\nbin_spacing_m = 0.1\n", "prf_hz is stated nowhere"),
         ("prf = 100\n", r"a\.toml: prf \(line 1\): unknown key; allowed are .*prf_hz"),
         ("\nprf_hz = -4\n", r"a\.toml: prf_hz \(line 2\): -4 is not allowed"),
-        ('time_first = "yes please"\n', r"time_first"),
         ("prf_hz = \n", r"a\.toml: is not TOML"),
         ('[radar]\npreset = "x5"\n', r"unknown radar preset 'x5'"),
         ('[radar]\npreset = "x4"\ncarrier = 3\n', r"radar: carrier: unknown key"),
-        ("scale_v = 0\n", r"scale_v"),
-        (
-            FACTS + "[attributes]\nburst_pulses = 'x'\n",
-            "burst_pulses = 'x' is not allowed; it must be a whole number above 0",
-        ),
+        (FACTS + "[attributes]\nburst_pulses = 'x'\n", "burst_pulses = 'x' is not allowed; it must be a whole"),
     ],
 )
 def test_faults_of_the_toml_file_are_named_with_their_line(tmp_path, text, said):
@@ -435,13 +416,11 @@ WITH_FAULTS = np.where((np.arange(12)[:, None] == 3) & (np.arange(5) >= 2), np.n
         ({"baseband": WITH_FAULTS}, r"3 of 60 values are NaN.*pulse 3, range bin 2 "),
         ({"baseband": VALUES.astype(complex) * 1e300}, r"60 of 60 values are NaN, infinite or above 3\.4e38"),
         ({"baseband": VALUES.real}, r"holds real values of shape \(12, 5\).*I and Q along a last axis of 2"),
-        ({"baseband": VALUES[None]}, r"has the shape \(1, 12, 5\)"),
         ({"baseband": VALUES[:1]}, r"holds 1 pulses of 5 range bins"),
         ({"baseband": VALUES[:, :0]}, r"holds 12 pulses of 0 range bins"),
         ({"baseband": np.array(["a"] * 4)}, r"holds <U1 values"),
         ({"a": VALUES, "b": VALUES}, r"has no array 'baseband'.*it holds a, b: key='NAME'"),
         ({"i": VALUES.real, "q": VALUES.imag[:3]}, r"i is float32 of shape \(12, 5\) and q float32 of shape \(3, 5\)"),
-        ({"i": VALUES, "q": VALUES}, r"both must be real"),
     ],
 )
 def test_arrays_that_are_no_baseband_are_refused(tmp_path, arrays, said):
