@@ -117,12 +117,12 @@ def points_of_large_numbers() -> str:
 
 @points()
 def names_of_digits() -> dict[str, Any]:
-    return {"names": np.array(["1" * 400_000 + "x", *"bcdefghijkl"])}
+    return {"names": np.array(["1" * 400_000 + "x", *"bcdefghijklmnop"])}
 
 
 @points()
 def names_of_no_characters() -> dict[str, Any]:
-    names = np.array(["abcd"] * 12)
+    names = np.array(["abcd"] * 16)
     names.view("u4")[5] = 2**31
     return {"names": names}
 

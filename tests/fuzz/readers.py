@@ -13,7 +13,7 @@ import numpy as np
 import acconeer_file
 import motion_files
 import recording_files
-from walking_body import walking_body
+from walking_body import NAMES, walking_body
 
 
 @dataclass(frozen=True)
@@ -39,18 +39,12 @@ def main_file(folder: Path, *endings: str) -> Path:
     return next((path for path in sorted(folder.iterdir()) if path.name.endswith(endings)), folder / "moved")
 
 
-NAMES = ("head", "neck", "left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_knee", "right_knee",
-         "left_ankle", "right_ankle", "left_toe", "right_toe")  # fmt: skip
 FRAMES = 12
 
 
 def body(n_frames: int = FRAMES) -> Any:
-    """Twelve points of a person who walks along x, (T, P, 3) in m."""
-    height = np.array([1.7, 1.5, 1.45, 1.45, 0.95, 0.95, 0.5, 0.5, 0.1, 0.1, 0.03, 0.03])
-    side = np.array([0, 0, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1]) * 0.15
-    time = np.arange(n_frames)[:, None] / 50.0
-    x = 1.2 * time + 2 * side * (1 - height / 1.7) * np.sin(6 * time)
-    return np.stack([x, np.broadcast_to(side, x.shape), np.broadcast_to(height, x.shape)], axis=2)
+    """Sixteen points of a person who walks along x, (T, P, 3) in m."""
+    return walking_body(n_frames=n_frames, rate_hz=50.0)
 
 
 def _text(path: Path, text: str) -> None:
@@ -129,7 +123,7 @@ def amc_seeds(folder: Path) -> None:
 
 
 def expmap_seeds(folder: Path) -> None:
-    joints = [name for name in NAMES] + [f"j{n}" for n in range(32 - len(NAMES))]
+    joints = NAMES + [f"j{n}" for n in range(32 - len(NAMES))]
     skeleton = {"joint_names": joints, "parents": [-1, *range(31)], "offsets": [[0.0, 60.0, 10.0 * (n % 3)] for n in range(32)],
                 "metres_per_unit": 0.001, "frame_rate_hz": 50, "up_axis": "y"}  # fmt: skip
     _text(folder / "0" / "skeleton.json", json.dumps(skeleton))

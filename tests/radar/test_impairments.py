@@ -294,13 +294,6 @@ def test_leakage_from_isolation_and_in_units():
     assert abs(in_units[0, 0]) == pytest.approx(0.4 * 10**-1.22, rel=1e-4)
 
 
-def test_leakage_of_a_sweep_is_a_tone_of_the_level():
-    delay_m = float(FMCW.range_axis_m()[10])
-    out = np.abs(bins(only(zeros(2, FMCW), impair.Leakage(delay_m=delay_m, level_db=-40.0), FMCW), FMCW))
-    assert out[0].argmax() == 10
-    assert out[0].max() == pytest.approx(0.01, rel=0.01)
-
-
 N_ROOMS = 250
 
 

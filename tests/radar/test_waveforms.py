@@ -279,20 +279,6 @@ def test_a_waveform_has_parameters_of_its_own(barker):
     assert dg.radar.Radar.preset("x4", waveform={"kind": "impulse"}) == dg.radar.Radar.preset("x4")
 
 
-@pytest.mark.parametrize(
-    ("waveform", "message"),
-    [
-        ("sonar", "waveform: 'sonar' is not allowed: known are barker, cw, fmcw"),
-        ({"kind": "barker", "chips": 12}, r"^waveform\.chips: 12 is not allowed"),
-        ({"kind": "barker", "chip": 11}, "chip: unknown key; allowed are chips, kind"),
-        (7, "waveform kind None"),
-    ],
-)
-def test_wrong_parameters_of_a_waveform_are_explained(barker, waveform, message):
-    with pytest.raises(ConfigError, match=message):
-        validate(dg.radar.Radar, {**BARKER, "waveform": waveform})
-
-
 def test_parameters_of_a_waveform_in_a_scene_file_and_on_the_command_line(barker, tmp_path):
     keys = "carrier_hz = 24e9\nprf_hz = 500\nrange_stop_m = 9\nsample_rate_hz = 3e9\nsweep_s = 13e-9\n"
     scene, own = tmp_path / "scene.toml", tmp_path / "own.toml"

@@ -38,18 +38,6 @@ def measured(shape=(20, 8), **facts):
     return Recording.from_baseband(baseband, radar, source="x", **facts)
 
 
-def test_content_decides_not_the_name(tmp_path):
-    recording = measured()
-    write_recording(recording, tmp_path / "a.mat")
-    write_arrays(recording, tmp_path / "b.npz")
-    (tmp_path / "b.npz").rename(tmp_path / "c.h5")
-    (tmp_path / "b.toml").rename(tmp_path / "c.toml")
-    for name in ("a.mat", "c.h5"):
-        again = read_recording(tmp_path / name)
-        np.testing.assert_array_equal(again.baseband.values, recording.baseband.values)
-        assert again.source == name
-
-
 def test_a_file_of_results_is_named_as_such(tmp_path):
     with h5py.File(tmp_path / "gait.h5", "w") as file:
         file.attrs.update(format="doppelgait-result", format_version=1)
@@ -352,11 +340,7 @@ def test_a_preset_tells_what_the_file_does_not(tmp_path):
     assert told.radar.prf_hz == 17
     assert told.baseband["slow_time"].values[1] == pytest.approx(1 / 17)
     np.testing.assert_allclose(told.baseband["range"], 0.4 + x4.bin_spacing_m * np.arange(5))
-    bursts = Radar.preset("x4", burst_pulses=4, burst_period_s=0.2)
-    placed = Recording.from_array(VALUES, radar=bursts)
-    assert placed.facts["burst_pulses"] == 4
-    np.testing.assert_array_equal(placed.slow_time_s, bursts.frame_time_s(np.arange(len(VALUES))))
-    np.savez(tmp_path / "b.npz", baseband=VALUES, time_s=placed.slow_time_s)
+    np.savez(tmp_path / "b.npz", baseband=VALUES, time_s=np.arange(12) / 100)
     assert "not read: time_s; times of pulses are named slow_time_s" in str(
         read_recording(tmp_path / "b.npz", radar="x4").notes
     )
