@@ -113,6 +113,7 @@ def times_by(factor):
         (attribute("noise_power_v2", -1e-9), "noise_power_v2 is -1e-09, .* 0 or more"),
         (attribute("radar_tilt_deg", np.nan), "the pose of the radar is"),
         (attribute("radar_position_m", [1.0, 2.0]), "is damaged or not a doppelgait recording"),
+        (attribute("radar_position_m", "here"), "is damaged or not a doppelgait recording"),
         (put("truth/0/centre_range_m", 3, np.nan), "centre_range_m of truth 0 is not finite or too large"),
         *((attribute("radar", text), "") for text in ("not JSON", "[1, 2]", "12", "{}", 3.5)),
         *((attribute("format_version", version), "") for version in (99, "new")),
@@ -131,6 +132,7 @@ def times_by(factor):
         (lambda file: file["truth"].create_group("first"), ""),
         (lambda file: file["truth/0"].attrs.__delitem__("label"), ""),
         *((lambda file, part=part: file["truth/0"].attrs.__setitem__("part", part), "") for part in ("no JSON", "3")),
+        (lambda file: file["truth/0"].attrs.__setitem__("height_m", [1.0, 2.0]), ""),
     ],
 )
 def test_a_file_of_what_no_radar_can_have_is_refused_with_its_key(tmp_path, walk, change, said):

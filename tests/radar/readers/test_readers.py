@@ -293,6 +293,7 @@ def layouts():
     pairs = np.stack([VALUES.real, VALUES.imag], axis=-1)
     return {
         "complex": ({"baseband": VALUES}, ""),
+        "only array": ({"anything": VALUES.astype(np.complex128)}, ""),
         "i and q": ({"i": VALUES.real, "q": VALUES.imag}, ""),
         "last axis": ({"baseband": pairs.astype(np.int32)}, ""),
         "columns": ({"baseband": VALUES.T}, "time_first = false\n"),

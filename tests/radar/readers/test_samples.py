@@ -79,6 +79,7 @@ def test_the_same_samples_are_the_same_recording(tmp_path, way):
     ("name", "write", "options"),
     [
         ("a.wav", lambda p: wavfile.write(p, 500, IQ.real.astype(np.float32)), {}),
+        ("b.wav", lambda p: wavfile.write(p, 500, PAIRS.astype(np.float32)), {"channel": 0}),
         ("d.csv", lambda p: np.savetxt(p, np.column_stack([TIME_S, IQ.real]), "%.9f", ",", header="t,adc"), {}),
         ("e.npy", lambda p: np.save(p, IQ.real), {"prf_hz": RATE_HZ}),
     ],
