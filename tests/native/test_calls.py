@@ -366,6 +366,13 @@ def test_read_arrays_may_have_any_layout_and_type(case):
             case.call(arguments)
 
 
+@pytest.mark.parametrize("time", [math.nan, math.inf, -math.inf, -5.0, 1e300])
+def test_times_outside_a_spline_read_its_first_or_last_frames(time):
+    values, out = np.ones((4, 3)), np.zeros((1, 3))
+    native.values_between(values, 0.0 * values, 0.1, np.array([time]), out)
+    assert np.isnan(out).all() or out == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("place", [math.nan, math.inf, -1e300, 1e17, -3.0])
 def test_lines_anywhere_read_no_cell_outside_the_axis(place):
     values, path = np.ones((4, 5)), np.zeros(4, np.int64)
@@ -398,6 +405,7 @@ TAP, WINDOW = np.ones(1, np.float32), np.ones(48, np.float32)
             for time in (-0.2, 2.9, math.nan, math.inf, 1e300)
         ),
         ("smooth", [np.ones(4), 0.0, True, np.ones(4)]),
+        ("smooth", [np.ones(4), 1e300, True, np.ones(4)]),
         ("smooth", [np.ones(0), 1.0, True, np.ones(0)]),
         ("follow_ridge", [np.ones((4, 5)), 0.1, np.ones(4), 3, 2.0, np.zeros(4, np.int64)]),
         ("follow_ridge", [np.ones((4, 5)), 0.1, np.ones(4), -1, 2.0, np.zeros(4, np.int64)]),
@@ -411,6 +419,7 @@ TAP, WINDOW = np.ones(1, np.float32), np.ones(48, np.float32)
         ("sum_groups", [np.ones((4, 5)), 0, 1, np.ones((4, 5))]),
         ("positive_sums", [np.ones((4, 5)), 0, np.ones(4)]),
         ("smear", [np.ones((4, 5)), np.ones(4), np.ones(3), 0, np.ones((4, 5))]),
+        ("smear", [np.ones((4, 5)), np.ones(4), np.ones(3), 1 << 60, np.ones((4, 5))]),
         ("lay_circular", [np.ones((4, 5)), np.ones(4), -1, np.ones((2, 9))]),
         ("lay_circular", [np.ones((4, 5)), np.ones(4), 4, np.ones((2, 9))]),
         ("fine_magnitudes", [np.ones((2, 9), complex), np.ones((2, 6)), 1, np.ones((7, 2))]),

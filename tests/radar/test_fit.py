@@ -308,7 +308,7 @@ def test_a_kind_has_the_interference_of_half_its_recordings(struck: int, is_shar
 @pytest.mark.parametrize("length", [1.0, 4.0])
 def test_the_share_of_dropped_frames_lies_within_its_uncertainty(length: float) -> None:
     scores = []
-    for seed in range(60):
+    for seed in range(30):
         rng = np.random.default_rng(seed)
         samples = 1e-5 * normal(rng, 600, 8)
         spec = make_impairment({"kind": "dropped_frames", "probability": 0.05, "mean_length": length})
