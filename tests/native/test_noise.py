@@ -142,6 +142,12 @@ def test_only_the_named_columns_change_and_values_are_added():
         np.testing.assert_array_equal(plane[:, 40:240], np.float32(5) + added)
 
 
+def test_an_empty_block_is_no_work():
+    native.add_noise_matrix(np.zeros((0, 5), dtype=np.complex64), KEY, 1.0, WHITE)
+    native.add_noise_matrix(np.zeros((5, 0), dtype=np.complex64), KEY, 1.0, WHITE)
+    planes(3, 0)
+
+
 def test_keys_come_from_the_generator_and_give_different_noise():
     assert draw_key(np.random.default_rng(4)) == draw_key(np.random.default_rng(4))
     keys = {int(draw_key(np.random.default_rng(seed))) for seed in range(200)}

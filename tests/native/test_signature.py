@@ -10,6 +10,11 @@ LENGTHS = [48, 64, 80, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 1024, 51
 OTHER_LENGTHS = [1, 3, 16, 32, 49, 101, 112, 200]
 
 
+def test_native_code_has_passes_for_some_lengths():
+    assert all(map(native.has_passes, LENGTHS))
+    assert not any(map(native.has_passes, [-48, 0, *OTHER_LENGTHS]))
+
+
 def run(y, *, first_pulse, hop, window, first_bin, n_gate, k, n_columns):
     planes = np.full((2, y.shape[1], len(y) + 26), 1e9, np.float32)  # pulses beyond the record count as zero
     planes[..., : len(y)] = y.real.T, y.imag.T
@@ -81,6 +86,19 @@ def test_pulses_outside_the_record_and_bins_outside_the_frame_are_zero_e22(rando
     assert not wanted[0].any()
     assert not found[0].any()
     assert not found[-1].any()
+
+
+@pytest.mark.parametrize(("n_frames", "first_bin", "n_bins"), [(1, 0, 1), (31, 2, 3), (33, 0, 7), (100, 6, 1)])
+def test_planes_of_a_data_matrix_are_its_real_and_imaginary_parts(n_frames, first_bin, n_bins):
+    rng = np.random.default_rng(2)
+    matrix = (rng.standard_normal((n_frames, 7)) + 1j * rng.standard_normal((n_frames, 7))).astype(np.complex64)
+    plane_re, plane_im = np.full((2, n_bins, n_frames), np.nan, np.float32)
+    native.split_planes(matrix[:, first_bin : first_bin + n_bins], plane_re, plane_im)
+    np.testing.assert_array_equal(plane_re, matrix.real.T[first_bin : first_bin + n_bins])
+    np.testing.assert_array_equal(plane_im, matrix.imag.T[first_bin : first_bin + n_bins])
+    joined = np.empty((n_frames, n_bins), np.complex64)
+    native.join_planes(plane_re, plane_im, joined)
+    np.testing.assert_array_equal(joined, matrix[:, first_bin : first_bin + n_bins])
 
 
 @pytest.mark.parametrize("edge", [np.nan, np.inf, -np.inf, 1e300, -1e300])

@@ -141,3 +141,9 @@ def test_phase_and_range_are_split_in_double_precision_e13():
     radar = radar_of(FULL_RATE_M, X4_M, first_m=9_999.5)
     found = synthesise(range_m, np.ones_like(range_m), radar, 200)
     assert relative_l2(found, literal(range_m, np.ones_like(range_m), *radar, 200)) < 3e-7
+
+
+def test_a_record_without_frames_or_scatterers_is_silent():
+    for shape in ((0, 3), (40, 0)):
+        assert not synthesise(np.ones(shape), np.ones(shape), radar_of(0.05, 0.05), 30).any()
+        assert not synthesise(np.ones(shape), np.ones(shape), radar_of(0.05, 0.05), 30, 50).any()
