@@ -85,6 +85,12 @@ PULSE_M = C / 2 / 15.1875e6
 """From one pulse of the X4 to the next."""
 
 
+def test_noise_of_a_cw_radar_belongs_to_the_same_integration():
+    plain = Radar.preset("xband-cw", integration_share=0.0)
+    half = Radar.preset("xband-cw", integration_share=0.5)
+    assert noise_power_v2(half) == pytest.approx(2 * noise_power_v2(plain))  # 1 / T_i in place of f_p
+
+
 def test_reflections_beyond_the_next_pulse_fold_and_truth_does_not():
     """A body 8 m away, a wall 4 m to the side: its mirror image is 11.3 m away and appears at 1.44 m."""
     still = make_motion(np.tile([0.0, 0.0, 1.0], (20, 1, 1)), rate_hz=100, markers=["a"], parts=["torso"])
