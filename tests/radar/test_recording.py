@@ -20,7 +20,7 @@ def walk() -> Recording:
     return simulate(Scene(targets=[Target(motion=motion)]), Radar.preset("x4", prf_hz=500.0), rng=rng(1))
 
 
-def test_a_part_has_the_pulses_from_start_to_just_before_stop(walk):
+def test_a_part_has_the_pulses_from_start_to_just_before_stop_and_their_truth(walk):
     part = walk.between(0.5, 1.25)
     np.testing.assert_array_equal(part.slow_time_s, np.arange(250, 625) / 500.0)
     np.testing.assert_array_equal(part.baseband.values, walk.baseband.values[250:625])
@@ -28,15 +28,12 @@ def test_a_part_has_the_pulses_from_start_to_just_before_stop(walk):
     assert part.noise_power_v2 == walk.noise_power_v2
     assert np.isnan(part.snr_frame_db)
     assert np.isfinite(walk.snr_frame_db)
-
-
-def test_truth_of_a_part_is_that_of_its_pulses(walk):
-    part, whole = walk.between(0.5, 1.25).truth[0], walk.truth[0]
-    np.testing.assert_array_equal(part.centre_range_m, whole.centre_range_m[250:625])
-    np.testing.assert_array_equal(part.scatterers["range"].values, whole.scatterers["range"].values[250:625])
-    assert part.label == whole.label
-    assert part.ground_speed_mps == whole.ground_speed_mps
-    times_s = part.body["time"].values
+    truth, whole = part.truth[0], walk.truth[0]
+    np.testing.assert_array_equal(truth.centre_range_m, whole.centre_range_m[250:625])
+    np.testing.assert_array_equal(truth.scatterers["range"].values, whole.scatterers["range"].values[250:625])
+    assert truth.label == whole.label
+    assert truth.ground_speed_mps == whole.ground_speed_mps
+    times_s = truth.body["time"].values
     assert times_s.min() >= 0.5
     assert times_s.max() < 1.25
     assert times_s.size == round(0.75 * 500 / 9)

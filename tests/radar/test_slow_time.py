@@ -53,6 +53,7 @@ def jittered(stamps_s, steps):
         pytest.param(np.delete(EVEN_S, LOST), RATE_HZ, N, 1, id="ten per cent lost"),
         pytest.param(np.delete(EVEN_S, RNG.choice(N - 2, N // 2, False) + 1), RATE_HZ, N, 1, id="half lost"),
         pytest.param(np.delete(EVEN_S, np.s_[2 : N - 1 : 3]), RATE_HZ, N, 1, id="every third lost"),
+        pytest.param(np.round(np.delete(EVEN_S, np.s_[20 : N - 1 : 50]), 3), RATE_HZ, N, 1, id="every 50th, ms"),
         pytest.param(bloated(0.3) + 2e-4 * RNG.random(N), RATE_HZ, N, 1, id="late for a second, jitter"),
         pytest.param(np.delete(np.arange(500) / 17.06, [100, 101, 300]), 17.06, 500, 1, id="slow radar, three lost"),
         pytest.param(floored(EVEN_S + 1.65e9, TICK_S), RATE_HZ, N, 1, id="clock of a PC since 1970"),
