@@ -330,6 +330,12 @@ def test_clutter_by_cross_section_follows_the_radar_equation():
     assert np.mean(db(found[20:]) - wanted_db) == pytest.approx(0, abs=0.15)
 
 
+def test_clutter_in_units_is_that_in_volts_times_the_unit():
+    levels = ((1.0, -50.0),)
+    units, volts = (only(zeros(4), impair.StaticClutter(levels=levels, in_units=own)) for own in (True, False))
+    np.testing.assert_allclose(units, 0.4 * volts, rtol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("spec", "said"),
     [

@@ -210,6 +210,7 @@ def test_several_types_and_none(tmp_path: Path) -> None:
         ({"conjugate": 2}, "true or false"),
         ({"prf_hz": -1.0}, "prf_hz = -1.0"),
         ({"bin_spacing_m": float("nan")}, "bin_spacing_m = nan"),
+        ({"radar": "nothing"}, "unknown radar preset"),
         ({"kind": "rf"}, "below half the sampling rate"),
         ({"kind": "rf", "bin_spacing_m": 0.00643004}, "shorter than"),
         ({"kind": "rf", "bin_spacing_m": 0.00643004, "filter": "box"}, "'hamming' and 'chip'"),
