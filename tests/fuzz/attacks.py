@@ -117,12 +117,12 @@ def points_of_large_numbers() -> str:
 
 @points()
 def names_of_digits() -> dict[str, Any]:
-    return {"names": np.array(["1" * 400_000 + "x", *"bcdefghijkl"])}
+    return {"names": np.array(["1" * 400_000 + "x", *"bcdefghijklmnop"])}
 
 
 @points()
 def names_of_no_characters() -> dict[str, Any]:
-    names = np.array(["abcd"] * 12)
+    names = np.array(["abcd"] * 16)
     names.view("u4")[5] = 2**31
     return {"names": names}
 
@@ -183,7 +183,7 @@ def settings_with_brackets(text: str) -> str:
     return row + text.replace("prf_hz = 25.0", "prf_hz = 'x'")
 
 
-@edited("radar-sigmf", "a.sigmf-meta")
+@edited("radar-sigmf", "walk.sigmf-meta")
 def sigmf_without_ranges(text: str) -> str:
     content = json.loads(text)
     content["global"]["doppelgait:range_m"] = []

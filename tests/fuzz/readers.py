@@ -4,7 +4,7 @@ import json
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 import acconeer_file
 import motion_files
 import recording_files
-from walking_body import walking_body
+from walking_body import NAMES, walking_body
 
 
 @dataclass(frozen=True)
@@ -39,18 +39,12 @@ def main_file(folder: Path, *endings: str) -> Path:
     return next((path for path in sorted(folder.iterdir()) if path.name.endswith(endings)), folder / "moved")
 
 
-NAMES = ("head", "neck", "left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_knee", "right_knee",
-         "left_ankle", "right_ankle", "left_toe", "right_toe")  # fmt: skip
 FRAMES = 12
 
 
 def body(n_frames: int = FRAMES) -> Any:
-    """Twelve points of a person who walks along x, (T, P, 3) in m."""
-    height = np.array([1.7, 1.5, 1.45, 1.45, 0.95, 0.95, 0.5, 0.5, 0.1, 0.1, 0.03, 0.03])
-    side = np.array([0, 0, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1]) * 0.15
-    time = np.arange(n_frames)[:, None] / 50.0
-    x = 1.2 * time + 2 * side * (1 - height / 1.7) * np.sin(6 * time)
-    return np.stack([x, np.broadcast_to(side, x.shape), np.broadcast_to(height, x.shape)], axis=2)
+    """Sixteen points of a person who walks along x, (T, P, 3) in m."""
+    return walking_body(n_frames=n_frames, rate_hz=50.0)
 
 
 def _text(path: Path, text: str) -> None:
@@ -129,7 +123,7 @@ def amc_seeds(folder: Path) -> None:
 
 
 def expmap_seeds(folder: Path) -> None:
-    joints = [name for name in NAMES] + [f"j{n}" for n in range(32 - len(NAMES))]
+    joints = NAMES + [f"j{n}" for n in range(32 - len(NAMES))]
     skeleton = {"joint_names": joints, "parents": [-1, *range(31)], "offsets": [[0.0, 60.0, 10.0 * (n % 3)] for n in range(32)],
                 "metres_per_unit": 0.001, "frame_rate_hz": 50, "up_axis": "y"}  # fmt: skip
     _text(folder / "0" / "skeleton.json", json.dumps(skeleton))
@@ -216,17 +210,6 @@ def check_motion(motion: Any) -> None:
     assert least > 0.02 and most < 27.0, f"a body of {least:g} to {most:g} m"
 
 
-def small_recording(**facts: Any) -> Any:
-    from doppelgait.core.labels import BASEBAND, make_array
-    from doppelgait.radar import Radar, Recording
-
-    rng = np.random.default_rng(1)
-    radar = Radar.preset("x4", prf_hz=25, range_start_m=0.5, range_stop_m=0.5 + 6 * 0.0514)
-    coords = {"slow_time": np.arange(16) / 25.0, "range": 0.45 + 0.05144 * np.arange(6)}
-    values = (rng.normal(size=(16, 6)) + 1j * rng.normal(size=(16, 6))).astype(np.complex64)
-    return Recording.from_baseband(make_array(BASEBAND, values, coords, {"radar": "{}"}), radar, source="x", **facts)
-
-
 def simulated() -> Any:
     import doppelgait as dg
 
@@ -240,7 +223,8 @@ def own_seeds(folder: Path) -> None:
     from doppelgait.radar import write_recording
 
     (folder / "0").mkdir(parents=True)
-    write_recording(small_recording(notes=["n"], noise_power_v2=0.1, seed=3), folder / "0" / "a.h5")
+    noted = replace(recording_files.make_recording(), notes=["n"], noise_power_v2=0.1)
+    write_recording(noted, folder / "0" / "a.h5")
     (folder / "1").mkdir()
     write_recording(simulated(), folder / "1" / "a.h5")
 
@@ -258,10 +242,7 @@ def result_seeds(folder: Path) -> None:
 
 
 def radar_arrays_seeds(folder: Path) -> None:
-    from doppelgait.radar.readers.arrays import write_arrays
-
-    (folder / "0").mkdir(parents=True)
-    write_arrays(small_recording(notes=["n"]), folder / "0" / "a.npz")
+    recording_files.write_sample("arrays", folder / "0")
     rng = np.random.default_rng(2)
     facts = 'prf_hz = 25.0\ncarrier_hz = 7.29e9\nrange_start_m = 0.4\nbin_spacing_m = 0.05\nscale_v = 1e-3\n[radar]\npreset = "x4"\n'
     _text(folder / "1" / "a.toml", facts)
@@ -303,10 +284,7 @@ def acconeer_seeds(folder: Path) -> None:
 
 
 def sigmf_seeds(folder: Path) -> None:
-    from doppelgait.radar.readers.sigmf import write_sigmf
-
-    (folder / "0").mkdir(parents=True)
-    write_sigmf(small_recording(notes=["n"]), folder / "0" / "a.sigmf-meta")
+    recording_files.write_sample("sigmf", folder / "0")
     meta = {"global": {"core:datatype": "ci16_le", "core:version": "1.0.0", "core:sample_rate": 400.0},
             "captures": [{"core:sample_start": 0, "core:frequency": 24e9}], "annotations": []}  # fmt: skip
     _text(folder / "1" / "a.sigmf-meta", json.dumps(meta))
@@ -322,11 +300,7 @@ def xethru_seeds(folder: Path) -> None:
     add_user_headers(made, b"HI")
 
 
-DCA1000 = {
-    "device": "xwr16xx", "output": "complex1x", "receivers": [0, 1], "n_samples": 8, "sample_rate_hz": 2e6,
-    "start_hz": 77e9, "slope_hz_per_s": 20e12, "idle_s": 50e-6, "adc_start_s": 5e-6, "ramp_s": 50e-6,
-    "chirps_per_loop": 1, "loops": 4, "frames": 0, "frame_period_s": 1.6e-3,
-}  # fmt: skip
+DCA1000 = {**recording_files.CHIRPS, "receivers": [0, 1], "n_samples": 8, "loops": 4}
 CFG = """% Platform:xWR18xx
 channelCfg 3 1 0
 adcCfg 2 1

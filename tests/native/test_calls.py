@@ -405,11 +405,9 @@ TAP, WINDOW = np.ones(1, np.float32), np.ones(48, np.float32)
             for time in (-0.2, 2.9, math.nan, math.inf, 1e300)
         ),
         ("smooth", [np.ones(4), 0.0, True, np.ones(4)]),
-        ("smooth", [np.ones(4), math.nan, True, np.ones(4)]),
         ("smooth", [np.ones(4), 1e300, True, np.ones(4)]),
         ("smooth", [np.ones(0), 1.0, True, np.ones(0)]),
         ("follow_ridge", [np.ones((4, 5)), 0.1, np.ones(4), 3, 2.0, np.zeros(4, np.int64)]),
-        ("follow_ridge", [np.ones((4, 5)), 0.1, np.ones(4), 1 << 62, 2.0, np.zeros(4, np.int64)]),
         ("follow_ridge", [np.ones((4, 5)), 0.1, np.ones(4), -1, 2.0, np.zeros(4, np.int64)]),
         ("strongest_near", [np.ones((4, 5)), np.zeros(4, np.int64), 5, np.ones(4)]),
         ("copy_rows", [np.ones((4, 5)), np.array([0, 5]), np.ones((4, 2))]),

@@ -92,15 +92,12 @@ def test_an_impairment_of_a_plugin_that_returns_no_samples_is_named(register, re
     ("table", "message"),
     [
         ({"kind": "echo"}, r"kind 'echo' is not allowed: known are adc, coloured_noise, dc_leak"),
-        ({}, "kind None is not allowed"),
         (X4, "unknown impairment 'None'"),
-        ({"kind": "adc", "bit": 8}, "bit: unknown key; allowed are backoff_db, bits"),
         ({"kind": "coloured_noise", "levels": [[10, -60], [5, -70]]}, "must rise"),
         ({"kind": "dropped_frames"}, "exactly one of probability and frames"),
         ({"kind": "dropped_frames", "probability": 0.8, "mean_length": 2}, r"0\.8 needs longer bursts.*0\.6667"),
         ({"kind": "dropped_frames", "frames": [-1]}, "counted from 0; -1 is not allowed"),
         ({"kind": "leakage", "level_db": 0, "isolation_db": 3}, "level_db or isolation_db, not both"),
-        ({"kind": "static_clutter"}, "exactly one of levels and rcs_per_metre_m2"),
         ({"kind": "static_clutter", "levels": [[3, -50], [2, -60]]}, "entry to entry, but 2 follows 3"),
         ({"kind": "x4_counts", "dac_max": 900}, "dac_max 900 must be larger than dac_min 949"),
     ],
@@ -116,17 +113,6 @@ def test_samples_of_another_shape_or_type_are_refused():
     for spec in (impair.Leakage(), impair.StaticClutter(rcs_per_metre_m2=1), impair.PhaseNoise(density_dbc_per_hz=-80)):
         with pytest.raises(AnalysisError, match="has 188 samples, but these have 5"):
             only(np.zeros((3, 5), np.complex64), spec)
-
-
-def test_random_numbers_of_one_do_not_depend_on_those_before():
-    samples = zeros(50)
-    noise = impair.ThermalNoise(level_db=-3)
-    a, b = (
-        impaired(samples, [first, noise]) for first in (impair.IqImbalance(), impair.PhaseNoise(density_dbc_per_hz=-80))
-    )
-    np.testing.assert_array_equal(a, b)
-    twice = impaired(samples, [noise, noise])
-    assert np.mean(np.abs(twice) ** 2) == pytest.approx(2 * 10**-0.3, rel=0.05)  # independent, so powers add
 
 
 def test_jitter_moves_the_pulses_and_not_the_samples():
@@ -232,12 +218,6 @@ def test_residue_of_static_clutter_is_the_phase_s_variance(sigma_rad):
     np.testing.assert_allclose(np.abs(turned), 0.5, rtol=1e-5)
 
 
-def test_jitter_and_white_phase_add_in_power():
-    jitter_s = 0.04 / (2 * np.pi * 24.1e9)
-    turned = only(np.ones((60_000, 1), np.complex64), impair.PhaseNoise(white_rad=0.03, jitter_s=jitter_s), CW)
-    assert np.angle(turned).std() == pytest.approx(0.05, rel=0.02)
-
-
 def test_linear_drift_has_its_rate_and_starts_at_zero():
     radar = CW.model_copy(update={"prf_hz": 10.0})
     turned = only(np.ones((601, 1), np.complex64), impair.PhaseNoise(white_rad=0, drift_rad_per_min=0.7), radar)
@@ -314,13 +294,6 @@ def test_leakage_from_isolation_and_in_units():
     assert abs(in_units[0, 0]) == pytest.approx(0.4 * 10**-1.22, rel=1e-4)
 
 
-def test_leakage_of_a_sweep_is_a_tone_of_the_level():
-    delay_m = float(FMCW.range_axis_m()[10])
-    out = np.abs(bins(only(zeros(2, FMCW), impair.Leakage(delay_m=delay_m, level_db=-40.0), FMCW), FMCW))
-    assert out[0].argmax() == 10
-    assert out[0].max() == pytest.approx(0.01, rel=0.01)
-
-
 N_ROOMS = 250
 
 
@@ -357,13 +330,10 @@ def test_clutter_by_cross_section_follows_the_radar_equation():
     assert np.mean(db(found[20:]) - wanted_db) == pytest.approx(0, abs=0.15)
 
 
-def test_clutter_in_units_is_static_and_new_in_every_recording():
-    spec = impair.StaticClutter(levels=((1.0, -50.0),), in_units=True)
-    one, other = only(zeros(4), spec, seed=1), only(zeros(4), spec, seed=2)
-    assert np.ptp(one, axis=0).max() == 0
-    assert abs(np.corrcoef(one[0], other[0])[0, 1]) < 0.5
-    volts = only(zeros(4), impair.StaticClutter(levels=((1.0, -50.0),)), seed=1)
-    np.testing.assert_allclose(one, 0.4 * volts, rtol=1e-5)
+def test_clutter_in_units_is_that_in_volts_times_the_unit():
+    levels = ((1.0, -50.0),)
+    units, volts = (only(zeros(4), impair.StaticClutter(levels=levels, in_units=own)) for own in (True, False))
+    np.testing.assert_allclose(units, 0.4 * volts, rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -382,10 +352,6 @@ def test_levels_in_units_need_a_unit(spec, said):
         only(zeros(1), spec, X4.model_copy(update={"volts_per_unit": None}))
 
 
-def full_scale_tone(n=65_536):
-    return np.exp(2j * np.pi * 0.12345 * np.arange(n)).astype(np.complex64)[:, None]
-
-
 def test_levels_are_whole_steps_from_minus_to_plus_full_scale():
     ramp = np.linspace(-3, 3, 601)
     samples = (ramp + 0.5j * ramp).astype(np.complex64)[:, None]
@@ -397,12 +363,6 @@ def test_levels_are_whole_steps_from_minus_to_plus_full_scale():
     inside = np.abs(ramp) < 1.7
     np.testing.assert_allclose(out.real[inside], samples[inside, 0].real, atol=0.25 + 1e-6)
     assert not only(zeros(3), impair.Adc()).any()
-
-
-def test_clipping_of_one_percent_or_less_is_no_warning():
-    tone = full_scale_tone(1000)
-    tone[:4] *= 2
-    only(tone, impair.Adc(full_scale_v=1.001), CW)
 
 
 def test_x4_baseband_is_in_whole_counts():
@@ -433,13 +393,6 @@ def test_x4_saturates_as_a_clipped_sinusoid_does(size_units):
         warnings.simplefilter("ignore")
         out = only(np.array([[sample_v]], np.complex64), impair.X4Counts(pulses_per_step=5))[0, 0]
     assert out == pytest.approx(0.4 * 0.78 * fundamental * np.exp(1j), rel=1e-4)
-
-
-def test_x4_frame_rates_of_the_user_guide():
-    assert 17.0 <= impair.x4_frame_rate_hz(impair.X4Counts(iterations=64, pulses_per_step=87)) < 17.2
-    assert impair.x4_frame_rate_hz(impair.X4Counts(iterations=64, pulses_per_step=88)) < 17.0
-    assert impair.x4_frame_rate_hz(impair.X4Counts(iterations=64, pulses_per_step=5)) > 255
-    assert impair.x4_frame_rate_hz(impair.X4Counts(iterations=64, pulses_per_step=6)) < 255
 
 
 def test_x4_settings_that_cannot_be_are_told():

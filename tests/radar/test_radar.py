@@ -12,7 +12,7 @@ from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
-from doppelgait.pipeline import analyze, simulate
+from doppelgait.pipeline import simulate
 from doppelgait.scene import Scene, Target
 from doppelgait_conformance.radars import make_table
 
@@ -43,36 +43,17 @@ def test_pulse_numbers_e11(change, sigma_ns, b3_ghz, b10_ghz, resolution_cm):
     [
         ("x4", {"range_stop_m": 1e6}, r"range_stop_m 1000000.0 makes 19,453,\d+ range bins.*1 to 100,000 are allowed"),
         ("x4", {"range_stop_m": 12.0}, r"range_stop_m 12 is longer than the 9.87 m .*lower pulse_rate_hz"),
-        ("x4", {"sample_rate_hz": 1e-29}, "makes 0 range bins"),
         ("x4", {"bandwidth_hz": 1.4}, r"bandwidth_hz 1.4 makes a pulse of sigma 0.345 s; allowed are 1e-11 to 1e-06 s"),
-        ("x4", {"pulse_sigma_s": 1e-12}, "pulse_sigma_s 1e-12 makes a pulse"),
         ("x4", {"carrier_hz": 7.29e6}, r"carrier_hz 7.29e\+06 is below half of the signal's bandwidth, 1.4e\+09 Hz"),
         ("x4", {"tx_power_dbm": 1e6}, "tx_power_dbm: 1000000.0.*less than or equal to 200"),
-        ("x4", {"tx_power_dbm": -201.0}, "tx_power_dbm: -201.0"),
-        ("x4", {"tx_gain_dbi": 101.0}, "tx_gain_dbi: 101.0"),
-        ("x4", {"rx_gain_dbi": -101.0}, "rx_gain_dbi: -101.0"),
-        ("x4", {"receiver_gain_db": 1e4}, "receiver_gain_db: 10000.0"),
-        ("x4", {"noise_figure_db": 1e4}, "noise_figure_db: 10000.0"),
-        ("x4", {"noise_bandwidth_hz": 1e300}, "noise_bandwidth_hz: 1e.300"),
         ("x4", {"sweep_levels": 1, "threshold_step_v": 1e-3}, "threshold_step_v 0.001 .* sweep_levels is 1"),
         ("ti-60", {"threshold_step_v": 1e-3}, "threshold_step_v is not used by waveform 'fmcw'"),
         ("x4", {"noise_correlation": [0.7]}, r"noise_correlation \[0.7\] is impossible: .* minimum -0.4, below 0"),
-        ("x4", {"noise_correlation": [0.0, -0.51]}, "is impossible"),
-        ("x4", {"noise_correlation": [1.2]}, "less than or equal to 1"),
-        ("x4", {"noise_correlation": [0.0] * 17}, "at most 16"),
-        ("ti-60", {"noise_correlation": [0.3]}, "noise_correlation is not used by waveform 'fmcw'"),
-        ("ti-77", {"integration_share": 0.5}, "integration_share is not used by waveform 'fmcw'"),
-        ("x4", {"integration_share": 1.2}, r"integration_share.*less than or equal to 1"),
-        ("ti-77", {"fold_echoes": False}, "fold_echoes is not used by waveform 'fmcw'"),
         ("x4", {"burst_pulses": 64}, "burst_pulses and burst_period_s belong together"),
         ("x4", {"burst_pulses": 64, "burst_period_s": 0.05}, "shorter than a burst of 64 frames"),
-        ("x4", {"burst_pulses": 1, "burst_period_s": 0.05}, "burst_pulses"),
         ("x4", {"prf_hz": 1e6}, r"prf_hz 1000000.0 leaves no whole pulse.*: at most 15187500.0 \* 0.95 of the frame"),
         ("x4", {"range_start_m": 12.0}, r"range_stop_m 9.664 must be larger than range_start_m 12"),
-        ("x4", {"decimation": 0}, r"decimation: 0 .*greater than or equal to 1"),
-        ("x4", {"bandwidth_level_db": 6}, r"bandwidth_level_db: 6 .*3 or 10"),
         ("x4", {"carrier_hz": float("inf")}, r"carrier_hz: inf .*finite"),
-        ("x4", {"noise_figure_db": -1.0}, r"noise_figure_db: -1.0"),
     ],
 )
 def test_radars_that_cannot_be(preset, changes, message):
@@ -155,18 +136,6 @@ def test_round_trip_is_exact(recording, walk_file):
             np.testing.assert_array_equal(found.scatterers[name], wanted.scatterers[name])
         for name in ("marker", "part", "target"):
             assert list(found.scatterers.coords[name].values) == list(wanted.scatterers.coords[name].values)
-    assert analyze(again, gate="truth")[0].features == analyze(recording, gate="truth")[0].features
-
-
-def test_round_trip_of_a_measured_recording_without_truth_seed_or_noise_level(recording, tmp_path):
-    path = tmp_path / "measured.h5"
-    dg.radar.write_recording(dg.radar.Recording.from_baseband(recording.baseband, recording.radar), path)
-    again = dg.radar.read_recording(path)
-    assert again.truth == ()
-    assert again.seed is None
-    assert np.isnan(again.noise_power_v2)
-    assert np.isnan(again.snr_frame_db)
-    assert again.radar_position_m is None
 
 
 def test_no_time_of_writing_is_stored(walk_file):

@@ -20,7 +20,7 @@ def walk() -> Recording:
     return simulate(Scene(targets=[Target(motion=motion)]), Radar.preset("x4", prf_hz=500.0), rng=rng(1))
 
 
-def test_a_part_has_the_pulses_from_start_to_just_before_stop(walk):
+def test_a_part_has_the_pulses_from_start_to_just_before_stop_and_their_truth(walk):
     part = walk.between(0.5, 1.25)
     np.testing.assert_array_equal(part.slow_time_s, np.arange(250, 625) / 500.0)
     np.testing.assert_array_equal(part.baseband.values, walk.baseband.values[250:625])
@@ -28,24 +28,15 @@ def test_a_part_has_the_pulses_from_start_to_just_before_stop(walk):
     assert part.noise_power_v2 == walk.noise_power_v2
     assert np.isnan(part.snr_frame_db)
     assert np.isfinite(walk.snr_frame_db)
-
-
-def test_truth_of_a_part_is_that_of_its_pulses(walk):
-    part, whole = walk.between(0.5, 1.25).truth[0], walk.truth[0]
-    np.testing.assert_array_equal(part.centre_range_m, whole.centre_range_m[250:625])
-    np.testing.assert_array_equal(part.scatterers["range"].values, whole.scatterers["range"].values[250:625])
-    assert part.label == whole.label
-    assert part.ground_speed_mps == whole.ground_speed_mps
-    times_s = part.body["time"].values
+    truth, whole = part.truth[0], walk.truth[0]
+    np.testing.assert_array_equal(truth.centre_range_m, whole.centre_range_m[250:625])
+    np.testing.assert_array_equal(truth.scatterers["range"].values, whole.scatterers["range"].values[250:625])
+    assert truth.label == whole.label
+    assert truth.ground_speed_mps == whole.ground_speed_mps
+    times_s = truth.body["time"].values
     assert times_s.min() >= 0.5
     assert times_s.max() < 1.25
     assert times_s.size == round(0.75 * 500 / 9)
-
-
-def test_all_of_a_recording_is_itself(walk):
-    part = walk.between(-1.0, 99.0)
-    np.testing.assert_array_equal(part.baseband.values, walk.baseband.values)
-    assert part.snr_frame_db == walk.snr_frame_db
 
 
 def test_bursts_stay_whole(walk):
@@ -111,21 +102,16 @@ def times_by(factor):
     ("change", "said"),
     [
         (put("baseband", 7, np.nan), "1 of 18800 values are NaN, infinite"),
-        (put("baseband", 7, complex(0, np.inf)), "1 of 18800 values are NaN, infinite"),
         (put("slow_time_s", 5, 0.0), r"slow_time_s\[5\] is 0, .* it must rise, and the one before is 0.008"),
         (put("slow_time_s", 5, np.nan), r"slow_time_s\[5\] is nan"),
         (put("range_m", -1, 1e30), r"range_m\[\d+\] is 1e\+30, .* allowed are -1000 to 1e\+06"),
         (put("range_m", 0, 99.0), r"range_m\[1\] is .* must rise, and the one before is 99"),
         (times_by(10.0), r"prf_hz is 500, .* the pulses are 0\.02 s apart, which is 50 Hz"),
-        (times_by(0.94), r"prf_hz is 500, .* which is 531\.915 Hz"),
         (attribute("noise_power_v2", -1e-9), "noise_power_v2 is -1e-09, .* 0 or more"),
-        (attribute("noise_power_v2", np.inf), "noise_power_v2 is inf"),
         (attribute("radar_tilt_deg", np.nan), "the pose of the radar is"),
         (attribute("radar_position_m", [1.0, 2.0]), "is damaged or not a doppelgait recording"),
-        (attribute("radar_tilt_deg", [1.0, 2.0]), "is damaged or not a doppelgait recording"),
         (attribute("radar_position_m", "here"), "is damaged or not a doppelgait recording"),
         (put("truth/0/centre_range_m", 3, np.nan), "centre_range_m of truth 0 is not finite or too large"),
-        (put("truth/0/radial_velocity_mps", 3, 1e9), "radial_velocity_mps of truth 0 is not finite or too large"),
         *((attribute("radar", text), "") for text in ("not JSON", "[1, 2]", "12", "{}", 3.5)),
         *((attribute("format_version", version), "") for version in (99, "new")),
         *((lambda file, key=key: file.__delitem__(key), "") for key in ("baseband", "range_m", "truth/0/range_m")),
@@ -155,7 +141,6 @@ def test_a_file_of_what_no_radar_can_have_is_refused_with_its_key(tmp_path, walk
 @pytest.mark.parametrize(
     "change",
     [
-        times_by(1.04),
         times_by(0.96),
         put("range_m", 0, -900.0),
         attribute("noise_power_v2", 0.0),

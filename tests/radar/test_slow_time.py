@@ -50,22 +50,17 @@ def jittered(stamps_s, steps):
     ("stamps_s", "rate_hz", "size", "pieces"),
     [
         pytest.param(EVEN_S, RATE_HZ, N, 1, id="even"),
-        pytest.param(np.delete(EVEN_S, [497, 998, 1501]), RATE_HZ, N, 1, id="three lost"),
         pytest.param(np.delete(EVEN_S, LOST), RATE_HZ, N, 1, id="ten per cent lost"),
         pytest.param(np.delete(EVEN_S, RNG.choice(N - 2, N // 2, False) + 1), RATE_HZ, N, 1, id="half lost"),
         pytest.param(np.delete(EVEN_S, np.s_[2 : N - 1 : 3]), RATE_HZ, N, 1, id="every third lost"),
         pytest.param(np.round(np.delete(EVEN_S, np.s_[20 : N - 1 : 50]), 3), RATE_HZ, N, 1, id="every 50th, ms"),
-        pytest.param(bloated(0.1), RATE_HZ, N, 1, id="late for a second"),
         pytest.param(bloated(0.3) + 2e-4 * RNG.random(N), RATE_HZ, N, 1, id="late for a second, jitter"),
         pytest.param(np.delete(np.arange(500) / 17.06, [100, 101, 300]), 17.06, 500, 1, id="slow radar, three lost"),
         pytest.param(floored(EVEN_S + 1.65e9, TICK_S), RATE_HZ, N, 1, id="clock of a PC since 1970"),
-        pytest.param(floored(np.arange(600) / 60.0, TICK_S), 60.0, 600, 1, id="clock of a PC, slow radar"),
         pytest.param(floored(PAUSE_S, TICK_S), RATE_HZ, N, 2, id="clock of a PC, pause"),
         pytest.param(floored(np.delete(EVEN_S, np.s_[1000:1040]), TICK_S), RATE_HZ, N, 1, id="clock of a PC, 40 lost"),
-        pytest.param(np.round(np.arange(N) / 300.0, 3), 300.0, N, 1, id="whole milliseconds"),
         pytest.param(np.round(KEPT / 640.0, 3), 640.0, N, 1, id="whole milliseconds, ten per cent lost"),
         pytest.param(np.round(np.arange(N) / 2000.0, 3), 2000.0, N, 1, id="whole milliseconds, two in one"),
-        pytest.param(floored(np.arange(N) / 80.0, TICK_S), 80.0, N, 1, id="clock of a PC, some in one tick"),
         pytest.param(floored(np.delete(np.arange(N), [300]) / 50.0, TICK_S), 50.0, N, 1, id="clock of a PC, one lost"),
         pytest.param(jittered(EVEN_S[KEPT], 0.1), RATE_HZ, N, 1, id="jitter, ten per cent lost"),
         pytest.param(np.sort(jittered(EVEN_S[KEPT], 0.2)), RATE_HZ, N, 1, id="much jitter, ten per cent lost"),
@@ -76,17 +71,14 @@ def jittered(stamps_s, steps):
         pytest.param(late_s(), RATE_HZ, N, 1, id="late deliveries"),
         pytest.param(EVEN_S[np.minimum(np.arange(N) // 32 * 32 + 31, N - 1)], RATE_HZ, N, 1, id="packets of 32"),
         pytest.param(PAUSE_S, RATE_HZ, N, 2, id="pause"),
-        pytest.param(np.append(EVEN_S[:-1], EVEN_S[-1] + 1.0), RATE_HZ, N, 2, id="pause before the last pulse"),
         pytest.param(EVEN_S[np.arange(N) % 200 < 165], RATE_HZ, N - 35, 1, id="holes of 0.1 s, no bursts"),
         pytest.param(np.where(EVEN_S < 3.0, EVEN_S, EVEN_S - 3600.0), RATE_HZ, N, 1, id="clock set back"),
         pytest.param(np.where(EVEN_S < 3.0, EVEN_S, EVEN_S + 3600.0), RATE_HZ, N, 2, id="clock set ahead"),
-        pytest.param(TWO_RATES_S, RATE_HZ, 2100, 2, id="another rate"),
         pytest.param(np.round(TWO_RATES_S, 3), RATE_HZ, 2100, 2, id="another rate, milliseconds"),
         pytest.param(jittered(TWO_RATES_S, 0.3), RATE_HZ, 2100, 2, id="another rate, jitter"),
         pytest.param(BURSTS_S, 3000.0, 1920, 1, id="bursts"),
         pytest.param(np.delete(BURSTS_S, np.s_[896:1024]), 3000.0, 1792, 1, id="bursts, one lost"),
         pytest.param(np.delete(BURSTS_S, [700, 701]), 3000.0, 1792, 1, id="bursts, one incomplete"),
-        pytest.param(np.round(BURSTS_S, 4), 3000.0, 1920, 1, id="bursts, rounded"),
         pytest.param(jittered(BURSTS_S, 0.01), 3000.0, 1920, 1, id="bursts, jitter"),
     ],
 )
@@ -180,11 +172,8 @@ READ_OUT_S = EVEN_S[np.arange(N) // 64 * 64] + np.arange(N) % 64 * 1e-4
         (np.datetime64("2026-11-28T12:00") + (1e9 * EVEN_S).astype("m8[ns]"), None, "", RATE_HZ, N),
         (np.insert(EVEN_S[1:], 7, np.nan), None, r"slow_time_s\[7\] is nan, as 1 of 2400 are", None, 0),
         (np.zeros(N), None, "leave them out and give prf_hz", None, 0),
-        (EVEN_S[::-1], None, "leave them out and give prf_hz", None, 0),
         (1e3 * (1.7e9 + EVEN_S), None, "in ms since 1970", None, 0),
         (739_000 + EVEN_S / 86_400, RATE_HZ, "they are in days; give s", None, 0),
-        (1e3 * EVEN_S, None, r"must be in s \(not in ms, us or days\)", None, 0),
-        (np.diff(EVEN_S, prepend=0.0), None, "too fast to show motion", None, 0),
         (1e-318 * EVEN_S, None, "too fast to show motion", None, 0),
         (np.where((EVEN_S > 1) & (EVEN_S < 2), 1.0, EVEN_S), None, "from even ones, which are taken: 400", RATE_HZ, N),
     ],
@@ -202,14 +191,6 @@ def test_times_of_arrays(stamps_s, prf_hz, said, rate_hz, size):
     assert re.search(said, " ".join(str(one.message) for one in messages))
     assert recording.n_pulses == size
     assert rate_hz is None or recording.radar.prf_hz == pytest.approx(rate_hz, rel=1e-3)
-
-
-def test_a_pulse_far_from_the_others_is_not_analysed(walk):
-    whole = dg.analyze(walk, gate=(1.0, 9.0))[0]
-    times_s = np.append(walk.slow_time_s[:1] - 1.0, walk.slow_time_s[1:])
-    with pytest.warns(DoppelgaitWarning, match="1 pause of up to 1 s"):
-        found = dg.analyze(read(walk, slice(None), times_s, 640.0), gate=(1.0, 9.0))[0]
-    assert found.features.torso_velocity_mps == pytest.approx(whole.features.torso_velocity_mps, rel=5e-3)
 
 
 @pytest.mark.parametrize("gate", ["track", (1.0, 9.0)])

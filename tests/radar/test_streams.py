@@ -85,7 +85,6 @@ def assert_whole(times_s: np.ndarray, rows: np.ndarray) -> None:
 
 @pytest.mark.parametrize(("counters", "kept", "text"), [
     ([5, 6, 6, 7, 8], [5, 6, 7, 8], "1 frames came out of order or twice"),
-    ([5, 7, 6, 8, 9], [5, 6, 7, 8, 9], "2 frames came out of order or twice"),
     ([105, 106, 107, 0, 1], [105, 106, 107, 0, 1], "1 places, first from 107 to 0: another start of the sender"),
 ])  # fmt: skip
 def test_a_counter_that_does_not_go_on_is_said_and_time_goes_on(tmp_path, counters, kept, text):
@@ -108,14 +107,20 @@ def test_large_counters_are_exact(tmp_path, base):
     np.testing.assert_allclose(back.slow_time_s, np.arange(40) / PRF_HZ, atol=1e-12)
 
 
-def test_a_clock_that_is_set_does_not_overrule_the_header(tmp_path):
-    clock_s = np.arange(3000) / PRF_HZ + np.where(np.arange(3000) > 500, 0.5, 0.0)
+@pytest.mark.parametrize(
+    ("clock_s", "said"),
+    [
+        (np.arange(3000) / PRF_HZ + 0.5 * (np.arange(3000) > 500), "the sender's times are uneven"),
+        (np.cumsum(np.where(np.arange(12_000) < 3000, 1.0, 1.02)) / PRF_HZ, "the rate is 49"),
+    ],
+)
+def test_a_clock_that_is_set_or_changes_later_does_not_overrule_the_header(tmp_path, clock_s, said):
     _, times_s, _, texts = play(tmp_path, *(dgf.encode_frame(n, time_s, ROWS[0]) for n, time_s in enumerate(clock_s)))
     np.testing.assert_allclose(np.diff(times_s), 1 / PRF_HZ, rtol=1e-9)
-    assert any("the sender's times are uneven" in text for text in texts)
+    assert any(said in text for text in texts)
 
 
-@pytest.mark.parametrize("true_hz", [90.0, 400.0, 502.0, 625.0])
+@pytest.mark.parametrize("true_hz", [90.0, 502.0, 625.0])
 def test_the_rate_of_the_senders_clock_is_taken_where_the_header_is_wrong(tmp_path, true_hz):
     content = [dgf.encode_frame(n, n / true_hz, ROWS[n % N_FRAMES]) for n in range(2000)]
     (tmp_path / "slow.dgf").write_bytes(OPENING + b"".join(content) + dgf.END_RECORD)
@@ -139,12 +144,6 @@ def test_a_rate_that_a_socket_does_not_allow_is_not_taken_from_the_clock(monkeyp
     send_all(stream, OPENING + sent + dgf.END_RECORD)
     assert any("800 Hz, too many" in text for text in take(stream)[2])
     assert stream.radar.prf_hz == PRF_HZ
-
-
-def test_a_rate_that_changes_later_is_said(tmp_path):
-    clock_s = np.cumsum(np.where(np.arange(12_000) < 3000, 1 / PRF_HZ, 1.02 / PRF_HZ))
-    _, _, _, texts = play(tmp_path, *(dgf.encode_frame(n, time_s, ROWS[0]) for n, time_s in enumerate(clock_s)))
-    assert any("the rate is 49" in text for text in texts)
 
 
 def test_a_file_of_frames_is_read_and_streamed_as_written(tmp_path):
@@ -224,12 +223,6 @@ def grow(path: Path, content: bytes, parts: int = 5) -> threading.Thread:
     return thread
 
 
-def test_a_growing_file_of_frames_ends_with_its_end_record(tmp_path):
-    path = tmp_path / "walk.dgf"
-    grow(path, OPENING + frames() + dgf.END_RECORD)
-    assert_whole(*take(open_stream(path))[:2])
-
-
 def write_xethru_data(folder: Path, n_frames: int) -> Path:
     """Write a recording as XeThru files; the data file."""
     options = {"data_type": "radar_baseband_float", **SESSION}
@@ -265,17 +258,6 @@ def test_a_xethru_record_that_declares_gigabytes_is_refused(tmp_path):
     stream = open_stream(data, timeout_s=0)
     with pytest.raises(RecordingError, match="declares 2,147,483,648 values"):
         list(stream)
-
-
-@pytest.mark.parametrize("transport", ["tcp", "udp"])
-def test_a_killed_sender_ends_the_stream_with_one_message(transport):
-    stream = open_stream(f"{transport}://:0", timeout_s=0.3)
-    records = [OPENING, *(frames(i, i + 1) for i in range(50))] + [frames(50, 51)[:100]] * (transport == "tcp")
-    threading.Thread(target=send_all, args=(stream, *records)).start()
-    _, rows, texts = take(stream)
-    np.testing.assert_array_equal(rows, ROWS[:50])
-    assert sum("stopped without an end record after 50 frames" in text for text in texts) == 1
-    assert stream.counts.malformed == (1 if transport == "tcp" else 0)
 
 
 def oracle(content: bytes, n_bins: int) -> list[int]:
@@ -348,10 +330,8 @@ N = N_FRAMES
 AS_SENT = list(range(N))
 ORDERS = {  # counters as they come, how many are left out, how many are put back into their places
     "each twice": ([n for n in AS_SENT for _ in range(2)], N, 0),
-    "each three times": ([n for n in AS_SENT for _ in range(3)], 2 * N, 0),
     "neighbours exchanged": ([n ^ 1 for n in AS_SENT], 0, N // 2),
     "backwards in twenties": ([n + 19 - 2 * (n % 20) for n in AS_SENT], 0, N - N // 20),
-    "each again 60 later": ([n for i in range(N + 60) for n in (i, i - 60) if 0 <= n < N], N, 0),
     "half a second again": ([*range(300), *range(50, 300), *range(300, N)], 250, 0),
     "one from far ahead": ([*range(100), 350, *range(100, N)], 1, 1),
     "twice and exchanged": ([n ^ 1 for n in AS_SENT for _ in range(2)], N, N // 2),
@@ -573,7 +553,6 @@ def test_clients_that_send_nothing_are_dropped_and_counted():
     [
         ({"range_bins": 2**31}, "range_bins of the header = 2147483648 is not allowed"),
         ({"carrier_hz": float("nan")}, "carrier_hz of the header = nan"),
-        ({"prf_hz": "500"}, "prf_hz of the header = '500'"),
         ({"radar": "/etc/radar.toml"}, "neither a table nor one of the presets"),
         ({"radar": "x4", "carrier_hz": 60e9}, "is that of another radar than x4"),
         ({"radar": {"path": 1}}, "radar"),

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from doppelgait.processing import Analysis, burst_signature
 from doppelgait.radar.readers import read_recording
 
 pytestmark = pytest.mark.shared
@@ -35,13 +34,6 @@ def test_all_are_read(folder, name, options, shape, first_point, step, prf_hz, b
     assert baseband.attrs.get("burst_pulses") == burst_pulses
 
 
-def test_frames_keep_the_recorders_time(folder):
-    times = read_recording(folder / "breathing-sitting.h5").baseband.slow_time.values
-    np.testing.assert_allclose(np.diff(times[::16]), 0.0499980, atol=1e-6)
-    times = read_recording(folder / "presence-default.h5", subsweep=0).baseband.slow_time.values
-    np.testing.assert_allclose(np.diff(times[::16]), 0.0833288, atol=1e-6)
-
-
 def test_the_corner_reflector_is_as_wide_as_profile_1(folder):
     recording = read_recording(folder / "corner-reflector.h5", subsweep=0)
     ranges_m = recording.baseband.range.values
@@ -54,16 +46,3 @@ def test_the_corner_reflector_is_as_wide_as_profile_1(folder):
     s_m = 299_792_458 * recording.radar.sigma_s / 2
     assert 2 * np.sqrt(2 * np.log(2)) * s_m == pytest.approx(0.04)
     assert 0.15 < fine_m[shape.argmax()] < 0.25
-
-
-def test_signature_of_frames(folder):
-    recording = read_recording(folder / "breathing-sitting.h5")
-    mu = burst_signature(
-        recording.baseband, None, Analysis(), wavelength_m=recording.radar.wavelength_m, remove_mean=False
-    )
-    assert mu.shape == (773, 16)
-    assert mu.attrs["hop"] == 69  # 50 ms at 1372.8 Hz
-    assert float(abs(mu.velocity).max()) == pytest.approx(1372.83 * 299_792_458 / 60.5e9 / 4, rel=1e-5)
-    # a sitting person: the power stays in the width of the slowest line, +- 2 of 16 bins
-    slow = np.abs(mu.velocity.values) < 2.5 * 1372.83 / 16 * recording.radar.wavelength_m / 2
-    assert mu.values[:, slow].sum() > 0.95 * mu.values.sum()

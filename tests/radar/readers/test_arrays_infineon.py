@@ -79,9 +79,3 @@ def test_antennas_and_bursts(tmp_path):
 def test_what_does_not_fit_is_named(tmp_path, config, options, said):
     with pytest.raises(RecordingError, match=said):
         read_recording(write(tmp_path, config), **options)
-
-
-def test_an_array_without_settings_or_of_baseband_is_for_the_other_reader(tmp_path):
-    np.save(tmp_path / "iq.npy", np.ones((30, 4), complex))
-    (tmp_path / "config.json").write_text(json.dumps(NEW))
-    assert find_formats(tmp_path / "iq.npy") == ["arrays"]

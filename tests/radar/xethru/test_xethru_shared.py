@@ -151,6 +151,3 @@ def test_the_raw_recording(shared: Path) -> None:
     static = recording.baseband.values[1200:, -3:] / unit_v
     noise = np.sqrt(np.mean(np.abs(np.diff(static, axis=0)) ** 2) / 2)
     assert 20 * np.log10(noise) == pytest.approx(-97.0, abs=3.0)
-    smooth = np.abs(np.diff(recording.baseband.values, axis=1)).mean()
-    mixed = xethru.read_xethru_recording(folder, iq="interleaved", **frame).baseband.values
-    assert smooth < 0.7 * np.abs(np.diff(mixed, axis=1)).mean()
