@@ -384,7 +384,7 @@ def make_document(
     if (nuisance["low"] or 0.0) > 1.0 / len(rows.classes):
         said.append(
             f"The nuisance parameters alone reach a balanced accuracy of {nuisance['value']:.2f}: "
-            "give level, range and speed one distribution for all classes, or a network learns these."
+            "give level, range and speed one distribution for all classes; a network learns these."
         )
     datasets = [
         {"directory": str(one.directory), "origin": one.description.get("origin", "simulated"), "n_rows": len(one)}

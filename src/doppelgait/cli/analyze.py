@@ -98,6 +98,10 @@ def analyze(
     figure_format: FigureOption = FigureFormat.png,
     style: Annotated[str, typer.Option("--style", help="screen, or paper: no titles.")] = "screen",
     dpi: Annotated[float | None, typer.Option(min=20, max=2400, help="Pixels per inch.")] = None,
+    only: Annotated[str, typer.Option(help="Text in the names of the wanted figures, for example signature.")] = "",
+    colormap: Annotated[str | None, typer.Option(help="Colour map of matplotlib.")] = None,
+    db_range: Annotated[float | None, typer.Option(min=1, max=200, help="Dynamic range of maps, dB.")] = None,
+    doppler_hz: Annotated[float | None, typer.Option(min=1, help="Doppler limit of signatures, Hz.")] = None,
     as_json: AsJson = False,
     **windows: Any,
 ) -> None:
@@ -120,11 +124,9 @@ def analyze(
     loaded = open_recording(recording, options)
     choice, chosen = Gate.parse(windows["gate"], where="--gate"), WindowOptions(**windows)
     if chosen.window_s is not None or chosen.hop_s is not None:
-        refused = [name for name, value in (("-o", output), ("--figures", figures)) if value is not None]
-        if refused:
-            raise ConfigError(
-                f"{', '.join(refused)}: not allowed with --window-s or --hop-s; use --json to get all values"
-            )
+        for name, value in (("-o", output), ("--figures", figures)):
+            if value is not None:
+                raise ConfigError(f"{name}: not allowed with --window-s or --hop-s; use --json to get all values")
         chosen = replace(chosen, gate=choice, analysis=settings, tracking=tracking)
         _analyze_windows(loaded, chosen, as_json=as_json)
         return
@@ -134,7 +136,8 @@ def analyze(
     if figures is not None:
         from doppelgait.cli.figures import save_figures
 
-        analysed, look = (loaded, results, settings.resolved(choice)), {"style": style, "dpi": dpi}
+        analysed = (loaded, results, settings.resolved(choice), db_range, doppler_hz and (-doppler_hz, doppler_hz))
+        look = {"only": only, "colormap": colormap, "style": style, "dpi": dpi}
         for path in save_figures(*analysed, folder=figures, form=figure_format, **look):
             print_message(f"figure: {path}")
     if as_json:

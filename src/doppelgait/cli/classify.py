@@ -49,8 +49,8 @@ def classify(
 ) -> None:
     """Classify a recording's targets with calibrated probabilities.
 
-    Where the model does not decide, the reason is printed. A model with a network of tracks decides in
-    windows: a table of tracks, and a timeline of the decisions about them. Any model does so with
+    Where the model does not decide, the reason is printed. A model with a network of tracks decides
+    in windows: a table of tracks, and a timeline of the decisions about them. Any model does so with
     --window-s or --hop-s; else every target is decided by its longest segment, as are recordings
     shorter than a window, results and --gate truth.
 

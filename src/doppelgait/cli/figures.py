@@ -6,25 +6,40 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib import colormaps, rcParams
 from matplotlib.figure import Figure
 
 from doppelgait import viz
 from doppelgait.cli.output import make_folder, print_message
-from doppelgait.core.errors import AnalysisError
+from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.pipeline import Result
 from doppelgait.processing import Analysis, range_doppler
 from doppelgait.processing.clutter import clean_frames
 from doppelgait.radar import Recording
 
 
-def save_figures(*analysed: Any, folder: Path, form: str = "png", **look: Any) -> Iterator[Path]:
-    """Write every figure into a folder."""
+def save_figures(
+    *analysed: Any, folder: Path, form: str = "png", only: str = "", colormap: str | None = None, **look: Any
+) -> Iterator[Path]:
+    """Write the figures with a text in their names into a folder."""
+    if (colormap := colormap or rcParams["image.cmap"]) not in colormaps:
+        raise ConfigError(f"--colormap {colormap}: matplotlib has no such map, only {', '.join(sorted(colormaps))}")
     make_folder(folder)
-    for name, figure in make_figures(*analysed):
-        yield viz.save_figure(figure, folder / f"{name}.{form}", **look)
+    rcParams["image.cmap"] = colormap  # of this process, which is a command
+    figures = dict(make_figures(*analysed))
+    if not (chosen := [name for name in figures if only in name]):
+        raise ConfigError(f"--only {only}: no figure has this in its name; there are {', '.join(figures)}")
+    for name in chosen:
+        yield viz.save_figure(figures[name], folder / f"{name}.{form}", **look)
 
 
-def make_figures(recording: Recording, results: Sequence[Result], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
+def make_figures(
+    recording: Recording,
+    results: Sequence[Result],
+    analysis: Analysis,
+    db_range: float | None = None,
+    doppler_hz: tuple[float, float] | None = None,
+) -> Iterator[tuple[str, Figure]]:
     """Plot every figure of a recording and its results."""
     recording = recording.with_frames(clean_frames(recording.frames, analysis))
     names = [
@@ -33,7 +48,7 @@ def make_figures(recording: Recording, results: Sequence[Result], analysis: Anal
     ]
     gates = {name: result.gate.limits for name, result in zip(names, results, strict=True)}
     ranged = recording.n_range_bins > 1
-    yield "range-time" if ranged else "level-time", viz.range_time(recording.baseband, tracks=gates)
+    yield "range-time" if ranged else "level-time", viz.range_time(recording.baseband, tracks=gates, db_range=db_range)
     wavelength_m = recording.radar.wavelength_m
     as_reported = analysis.method == "liland2018"
     for number, result in enumerate(results):
@@ -46,15 +61,16 @@ def make_figures(recording: Recording, results: Sequence[Result], analysis: Anal
             print_message(f"note: no figure {prefix}-range-doppler: {error}")
         else:
             if ranged:
-                yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), gate=result.gate.limits)
-        yield f"{prefix}-signature", viz.signature(result.signature)
+                look: dict[str, Any] = {"gate": result.gate.limits, "db_range": db_range}
+                yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), **look)
+        yield f"{prefix}-signature", viz.signature(result.signature, db_range=db_range, doppler_hz=doppler_hz)
         pair = viz.signature_normalisation(result.signature, normalised=result.normalised_signature)
         yield f"{prefix}-signature-normalised", pair
         ratios, f_mu_hz = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3), result.gait_frequency_hz
         harmonics_hz = [] if f_mu_hz is None else [None if ratio is None else ratio * f_mu_hz for ratio in ratios]
         marks: dict[str, Any] = {"gait_frequency_hz": f_mu_hz, "harmonics_hz": harmonics_hz}
         marks["doubtful"] = "gait_frequency_hz" in result.doubtful
-        yield f"{prefix}-cadence-velocity", viz.cadence_map(result.cadence_map, **marks)
+        yield f"{prefix}-cadence-velocity", viz.cadence_map(result.cadence_map, db_range=db_range, **marks)
         spectrum = viz.cadence_spectrum(result.cadence_spectrum, amplitude=as_reported, **marks)
         yield f"{prefix}-cadence-spectrum", spectrum
         yield (

@@ -134,7 +134,7 @@ class Dataset:
         Raises
         ------
         DatasetError
-            If the query names no column of the index or is no condition, or no such label or split exists.
+            If the query names no column of the index or is no condition, or the label does not exist.
         """
         known = {"label": self.description["classes"], "split": SPLITS}
         for name in known.keys() & columns.keys():
@@ -494,8 +494,8 @@ def open_dataset(directory: str | Path, *, classes: Sequence[str] | None = None)
     except (OSError, ValueError, KeyError, TypeError, OverflowError, NotImplementedError) as error:
         raise DatasetError(f"{folder}: is damaged: {error}") from None
     if classes is not None:
-        labels = sorted(set(index["label"]))
-        if isinstance(classes, str) or len({*classes}) != len(classes) or not {*labels} <= {*classes}:
+        labels = sorted({*index["label"]})
+        if isinstance(classes, str) or len({*classes}) < len(classes) or {*labels} - {*classes}:
             raise DatasetError(f"classes = {classes!r}: must be different labels, {', '.join(labels)} among them")
         description = {**description, "classes": {label: n for n, label in enumerate(classes)}}
     return Dataset(folder, description, index, ShardFiles(folder / "shards", description["id"]))
