@@ -4,7 +4,6 @@ import csv
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from doppelgait.motion import Motion, make_motion
@@ -39,14 +38,6 @@ def test_gait_of_known_lags(gait: str) -> None:
 @pytest.mark.parametrize("lags", [{"lh_lf": 0.2, "lh_rh": 0.5}, {"lh_lf": 0.2, "lh_rh": 0.5, "lf_rf": 0.1}, {}])
 def test_no_gait_without_all_lags_or_with_one_even_pair(lags: dict[str, float]) -> None:
     assert motion_gait.name_quadruped_gait(lags) == ""
-
-
-def test_frequencies_by_gait() -> None:
-    assert motion_gait.step_and_gait_frequency_hz("run", 1.4) == (2.8, 2.8)
-    step, gait = motion_gait.step_and_gait_frequency_hz("bound", 2.0)
-    assert np.isnan(step)
-    assert gait == 2.0
-    assert np.isnan(motion_gait.step_and_gait_frequency_hz("", 2.0)).all()
 
 
 def _check_against_truth(motion: Motion, frames: float) -> None:
@@ -87,45 +78,15 @@ def test_dog_lands_where_the_model_says_and_goes_in_its_gait(gait: str, share: f
         assert abs((wrong + 0.5) % 1 - 0.5) < 0.02
 
 
-def _runner(*, duty: float, stride_hz: float = 1.4, speed_mps: float = 3.0) -> Motion:
-    """Two feet that stand still for ``duty`` of the stride and a body that falls freely while both are in the air."""
-    time_s = np.arange(0, 4.0, 0.005)
-
-    def foot(phase: float) -> npt.NDArray[np.float64]:
-        cycles = time_s * stride_hz - phase
-        swing = np.clip((cycles % 1 - duty) / (1 - duty), 0, 1)
-        return (np.floor(cycles) + swing - np.sin(2 * np.pi * swing) / (2 * np.pi)) * speed_mps / stride_hz
-
-    flight_s = max(0.5 - duty, 0.0) / stride_hz
-    in_step = (time_s * stride_hz - duty) % 0.5 / stride_hz
-    contact = in_step > flight_s
-    rest = np.where(contact, (in_step - flight_s) / (0.5 / stride_hz - flight_s), 0.0)
-    fall = 9.81 / 2 * in_step * (flight_s - in_step)
-    bob = -9.81 / 2 * flight_s * (0.5 / stride_hz - flight_s) / np.pi * np.sin(np.pi * rest)
-    height = 1.0 + np.where(contact, bob, fall)
-    points = np.zeros((time_s.size, 5, 3))
-    points[:, 0, 0], points[:, 1, 0] = foot(0.0), foot(0.5)
-    points[:, 2:, 0] = (speed_mps * time_s)[:, None]
-    points[:, 2:, 2] = height[:, None]
-    points[:, 3, 2] += 0.3
-    # the mean of all points falls like the body only when the feet weigh little: repeat the trunk
-    points = np.concatenate([points, np.repeat(points[:, 2:], 6, axis=1)], axis=1)
-    n_points = points.shape[1]
-    return make_motion(
-        points,
-        rate_hz=200.0,
-        markers=[f"p{n}" for n in range(n_points)],
-        parts=["left_foot", "right_foot", *["torso"] * (n_points - 2)],
-    )
-
-
-def test_run_has_flight_and_walk_has_none() -> None:
-    run, walk = motion_gait.measure_gait(_runner(duty=0.25)), motion_gait.measure_gait(_runner(duty=0.62))
-    assert (run.gait, walk.gait) == ("run", "walk")
-    assert run.stride_frequency_hz == pytest.approx(1.4, rel=0.002)
-    assert run.step_frequency_hz == run.gait_frequency_hz == pytest.approx(2.8, rel=0.002)
+@pytest.mark.parametrize(("gait", "speed_mps", "low", "high"), [("walk", 1.3, 0.55, 0.75), ("run", 3.0, 0.25, 0.5)])
+def test_run_has_flight_and_walk_has_none(gait: str, speed_mps: float, low: float, high: float) -> None:
+    motion = human_gait(gait=gait, speed_mps=speed_mps, duration_s=4.0)
+    found = motion_gait.measure_gait(motion)
+    assert (found.gait, found.measured_from) == (gait, "footfalls")
+    assert found.stride_frequency_hz == pytest.approx(motion.facts.stride_frequency_hz, rel=0.002)
+    assert found.step_frequency_hz == found.gait_frequency_hz == pytest.approx(2 * found.stride_frequency_hz)
     # feet below half the body's speed: the stance and the slow ends of the swing
-    assert 0.25 < run.duty_factor < 0.5 < 0.62 < walk.duty_factor < 0.75
+    assert low < found.duty_factor < high
 
 
 def test_standing_body_has_no_footfalls() -> None:
