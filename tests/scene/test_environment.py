@@ -118,11 +118,7 @@ def test_an_effect_of_a_plugin_that_returns_no_table_is_named(register, returned
 
 
 def test_which_effects_need_angles():
-    assert not surroundings.needs_angles([])
-    assert not surroundings.needs_angles([surroundings.Wall(loss_db=3), surroundings.Visibility(gain_db=[(0, 0)])])
-    assert surroundings.needs_angles([surroundings.Wall(loss_db=3, range_m=2)])
-    assert surroundings.needs_angles([surroundings.Wall(material="wood", thickness_m=0.1)])
-    assert surroundings.needs_angles(
-        [surroundings.Wall(loss_db=3), surroundings.make_effect({"kind": "ground_bounce"})]
-    )
-    assert surroundings.needs_angles([surroundings.WallGhost(material="wood", thickness_m=0.1, side_m=1.0)])
+    wall, near = surroundings.Wall(loss_db=3), surroundings.Visibility(gain_db=[(0, 0)])
+    assert not surroundings.needs_angles([wall, near])
+    for table in (TABLES[0], TABLES[1], TABLES[2], {"kind": "wall", "loss_db": 3, "range_m": 2}):
+        assert surroundings.needs_angles([wall, surroundings.make_effect(table)])
