@@ -55,14 +55,17 @@ def test_positions_agree_with_a_row_vector_walk(tmp_path: Path) -> None:
         np.testing.assert_allclose(motion.position_m[t], np.array(place) * UNIT_M, atol=1e-7)
 
 
-def test_rate_unit_and_options(tmp_path: Path) -> None:
+def test_rate_unit_and_skeleton_can_be_given(tmp_path: Path) -> None:
     path = write(tmp_path, frames())
     motion = read(path, clean=False)
     report = motion.report
     assert (motion.rate_hz, report["metres_per_unit"], report["skeleton"]) == (100.0, UNIT_M, "skeleton.json")
-    other = read(path, clean=False, units="cm", rate_hz=50.0, up_axis="y")
+    body = (tmp_path / "skeleton.json").rename(tmp_path / "body.json")
+    other = read(path, clean=False, units="cm", rate_hz=50.0, up_axis="y", skeleton=str(body))
     np.testing.assert_allclose(other.position_m, motion.position_m / 5)
     assert other.rate_hz == 50.0
+    with pytest.raises(MotionError, match=r"walk.txt: holds joint angles only; .*skeleton="):
+        read(path)
 
 
 def test_a_rest_pose_in_front_is_left_out(tmp_path: Path) -> None:
@@ -73,15 +76,6 @@ def test_a_rest_pose_in_front_is_left_out(tmp_path: Path) -> None:
     assert "rest pose" in motion.report["notes"][0]
     values[:, 3:6] = 0.0
     assert read(write(tmp_path, values), clean=False).positions.sizes["time"] == 30
-
-
-def test_a_skeleton_is_needed(tmp_path: Path) -> None:
-    path = write(tmp_path, frames())
-    expected = read(path, clean=False).position_m
-    (tmp_path / "skeleton.json").rename(tmp_path / "body.json")
-    with pytest.raises(MotionError, match=r"walk.txt: holds joint angles only; .*skeleton="):
-        read(path)
-    np.testing.assert_array_equal(read(path, clean=False, skeleton=str(tmp_path / "body.json")).position_m, expected)
 
 
 @pytest.mark.parametrize(
