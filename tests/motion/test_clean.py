@@ -317,19 +317,6 @@ def test_three_points_that_change_places_in_a_ring_are_put_back() -> None:
     assert {jump["frame"] for jump in find_jumps(swapped, names, rate_hz=RATE_HZ)} == {100}
 
 
-@pytest.mark.parametrize("step_m", [0.08, 0.3])
-def test_a_jump_is_reported_and_left_as_it_is(step_m: float) -> None:
-    walk = person()
-    jumped = walk.position_m + noise(walk.positions.shape)
-    jumped[200:, 3, 1] += step_m
-    before, names = jumped.copy(), walk.markers
-    assert repair_swaps(jumped, names, rate_hz=RATE_HZ) == []
-    (jump,) = find_jumps(jumped, names, rate_hz=RATE_HZ)
-    assert (jump["frame"], jump["point"]) == (200, names[3])
-    assert jump["step_m"] == pytest.approx(step_m, abs=0.02)
-    np.testing.assert_array_equal(jumped, before)
-
-
 def test_a_step_is_what_is_no_constant_acceleration() -> None:
     time = np.arange(20) / 50.0
     path = np.stack([1 + 2 * time, 3 * time**2, 0 * time], axis=1)[:, np.newaxis]

@@ -110,29 +110,23 @@ def test_feet_without_names_are_the_lowest_points_left_and_right() -> None:
     assert found.stride_frequency_hz == pytest.approx(named.facts.stride_frequency_hz, rel=0.005)
 
 
-def test_stated_facts_stay() -> None:
-    model = quadruped_gait(gait="gallop", duration_s=2.0)
-    filled = motion_gait.add_gait_facts(model)
-    for key in ("gait", "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz", "footfalls"):
-        assert getattr(filled.facts, key) == getattr(model.facts, key) or np.isnan(getattr(model.facts, key))
-    assert np.isnan(filled.facts.step_frequency_hz)  # not defined for a gallop
-    wrong = motion_gait.add_gait_facts(model.with_facts(stride_frequency_hz=9.0, gait="trot", gait_frequency_hz=np.nan))
-    assert wrong.facts.stride_frequency_hz == 9.0
-    assert wrong.facts.gait_frequency_hz == 18.0
-
-
-def test_unknown_facts_are_filled() -> None:
+def test_stated_facts_stay_and_unknown_ones_are_filled() -> None:
+    keys = ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")
+    gallop = quadruped_gait(gait="gallop", duration_s=2.0)
+    facts = motion_gait.add_gait_facts(gallop).facts
+    assert (facts.gait, facts.footfalls, facts.stride_frequency_hz) == (
+        "gallop", gallop.facts.footfalls, gallop.facts.stride_frequency_hz
+    )  # fmt: skip
+    assert np.isnan(facts.step_frequency_hz)  # not defined for a gallop
+    stated = gallop.with_facts(stride_frequency_hz=9.0, gait="trot", gait_frequency_hz=np.nan)
+    wrong = motion_gait.add_gait_facts(stated).facts
+    assert (wrong.stride_frequency_hz, wrong.gait_frequency_hz) == (9.0, 18.0)
     model = boulic_walk(speed_mps=1.2, duration_s=5.0)
-    nan = float("nan")
-    bare = model.with_facts(
-        gait="", footfalls={}, stride_frequency_hz=nan, step_frequency_hz=nan, gait_frequency_hz=nan
-    )
+    bare = model.with_facts(gait="", footfalls={}, **dict.fromkeys(keys, np.nan))
     filled = motion_gait.add_gait_facts(bare)
-    assert filled.facts.gait == "walk"
-    for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz"):
+    assert (bare.facts.gait, filled.facts.gait, filled.report["gait"]["stride_from"]) == ("", "walk", "footfalls")
+    for key in keys:
         assert getattr(filled.facts, key) == pytest.approx(getattr(model.facts, key), rel=0.005)
-    assert filled.report["gait"]["stride_from"] == "footfalls"
-    assert bare.facts.gait == ""
 
 
 def test_a_gap_is_bridged_and_a_foot_never_seen_left_out() -> None:

@@ -188,20 +188,6 @@ def series(duration_s, stride_s, stride_m, rng=None, **asked):
     return [rows[0] for rows in made[:3]]
 
 
-def test_steps_differ_as_asked():
-    asked = {"step_time_sd": 0.03, "step_length_sd": 0.02, "time_asymmetry": 0.1}
-    times, phases, way = series(10_000, stride_s=1.1, stride_m=1.4, rng=np.random.default_rng(5), **asked)
-    left = np.mod(phases[1:], 1) == 0.5
-    for knots, mean, sd, asymmetry in ((times, 0.55, 0.03, 0.1), (way, 0.7, 0.02, 0.0)):
-        steps = np.diff(knots) / mean
-        # 18,000 steps: standard error 0.5 % of a deviation and 0.0003 of a mean.
-        assert steps[left].std() == pytest.approx(sd, rel=0.04)
-        assert steps.mean() == pytest.approx(1.0, abs=0.0015)
-        assert steps[left].mean() - steps[~left].mean() == pytest.approx(asymmetry, abs=0.0015)
-        deviation = steps - np.where(left, steps[left].mean(), steps[~left].mean())
-        assert np.corrcoef(deviation[1:], deviation[:-1])[0, 1] == pytest.approx(0.0, abs=0.03)
-
-
 def test_steps_on_the_floor_differ_as_asked():
     uneven = {"step_length_sd": 0.03, "length_asymmetry": 0.1, "step_time_sd": 0.02, "time_asymmetry": 0.05}
     motion = human_gait(speed_mps=1.3, duration_s=200, rate_hz=100, rng=np.random.default_rng(8), **uneven)
@@ -291,20 +277,3 @@ def test_a_child_walks_as_an_adult_at_the_same_froude_number():
     assert sum(child[part] for part in ("head", "torso", "thigh", "shank")) == pytest.approx(0.909)
     assert human_body.find_segment_lengths("child", 1.6) == pytest.approx(human_body.LENGTHS)
     assert human_body.find_segment_lengths("child", 0.9)["head"] > 1.3 * human_body.LENGTHS["head"]
-
-
-def test_a_figure_without_legs_is_the_whole_figure_but_for_them():
-    generator = np.random.default_rng(1)
-    trunk = {
-        name: generator.normal(0, 0.3, 20)
-        for name in ("trunk_pitch", "pelvic_torsion", "pelvic_list", "thorax_torsion")
-    }
-    limbs = {name: generator.normal(0, 0.6, (2, 20)) for name in ("hip", "knee", "ankle", "shoulder", "elbow")}
-    base_m = generator.normal(0, 1.0, (3, 20))
-    whole = human_body.compute_figure_points(trunk, limbs, human_body.LENGTHS) + base_m
-    upper = human_body.place_legless_points(
-        base_m, human_body.place_left_hip(trunk, human_body.LENGTHS), trunk, limbs, human_body.LENGTHS
-    )
-    kept = [number for number, name in enumerate(human_body.POINTS) if not name.endswith(("knee", "ankle", "toe"))]
-    assert len(kept) == 11
-    np.testing.assert_allclose(upper[kept], whole[kept], rtol=0, atol=1e-14)

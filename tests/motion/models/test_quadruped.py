@@ -190,13 +190,6 @@ def test_peak_speeds_are_near_the_measured_ones(name, froude):
     assert (rump.max(), rump.min()) == pytest.approx((1.15, 0.88), abs=0.1)
 
 
-def test_duty_factor_follows_the_swing_time_rule_within_its_limits():
-    trot = GAITS["trot"].fore
-    assert quadruped_gaits.duty_factor(trot, 2.0, 0.46) == pytest.approx(1 - 0.35 * 2.0 + trot.duty_offset)
-    assert quadruped_gaits.duty_factor(trot, 0.1, 0.46) == quadruped_gaits.DUTY_LIMITS[1]
-    assert quadruped_gaits.duty_factor(trot, 9.0, 0.46) == quadruped_gaits.DUTY_LIMITS[0]
-
-
 @pytest.mark.parametrize("name", GAITS)
 def test_no_velocity_jumps_at_touchdown_or_lift_off_or_anywhere(name):
     step = 1e-5

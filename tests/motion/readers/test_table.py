@@ -236,11 +236,8 @@ def test_computed_points_are_no_markers(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "8.8,15.7,-31.7\n" * 5,
         "HIERARCHY\nROOT Hips\n{\n\tOFFSET 0 0 0\n\tCHANNELS 3 Xposition Yposition Zposition\n}\n",
-        ":FULLY-SPECIFIED\n:DEGREES\n1\nroot 1 2 3 4 5 6\n",
         "file,class,speed_mps\na,b,1.0\n",
-        "PathFileType\t4\n",
         '{"positions": [], "LFHD_x_m": 0}',
         "max,x,y\n1,2,3\n",
         "time_s,maxX,maxY,minZ\n0.1,1,2,3\n",

@@ -102,16 +102,11 @@ def test_many_rays_by_fewer_values(mode, thickness_m):
         calls.append(c.size)
         return materials.insertion_coefficient(c, **options)
 
-    quick = materials.interpolate_coefficient(coefficient, cosines, thickness_m=thickness_m, wavelength_m=LAMBDA_M)
-    np.testing.assert_allclose(quick, materials.insertion_coefficient(cosines, **options), rtol=0, atol=3e-5)
+    for rays in (cosines, cosines[:1, :5]):
+        quick = materials.interpolate_coefficient(coefficient, rays, thickness_m=thickness_m, wavelength_m=LAMBDA_M)
+        np.testing.assert_allclose(quick, materials.insertion_coefficient(rays, **options), rtol=0, atol=3e-5)
     assert calls[0] < cosines.size / 10
-    grid = np.linspace(cosines.min(), cosines.max(), calls[0])
-    assert quick.tobytes() == np.interp(cosines, grid, materials.insertion_coefficient(grid, **options)).tobytes()
-    few = cosines[:1, :5]
-    np.testing.assert_array_equal(
-        materials.interpolate_coefficient(coefficient, few, thickness_m=thickness_m, wavelength_m=LAMBDA_M),
-        materials.insertion_coefficient(few, **options),
-    )
+    assert calls[1] == 5
 
 
 def places(n=7, seed=2):
