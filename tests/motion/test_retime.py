@@ -69,23 +69,6 @@ def test_travel_of_a_walk_and_of_a_body_in_place():
     assert retime.travel_heading_rad(swing()) == 0.0
 
 
-def test_place_turns_and_moves_rigidly():
-    rng = np.random.default_rng(0)
-    t = np.arange(0, 2.0001, 0.01)
-    position = np.stack([0.6 * t, 0.8 * t, 1 + 0 * t], axis=-1)[:, None] + rng.normal(0, 0.3, (1, 4, 3))
-    walk = motion_of(position, 100.0, parts=("torso", "torso", "left_hand", "head"))
-    placed = retime.place(walk, position_m=(7.0, -3.0), heading_deg=120.0, at_s=0.5)
-    np.testing.assert_allclose(retime.body_centre_m(placed)[50, :2], [7, -3], atol=1e-12)
-    assert np.degrees(retime.travel_heading_rad(placed)) == pytest.approx(120)
-    np.testing.assert_array_equal(placed.position_m[..., 2], walk.position_m[..., 2])
-    shape = position[3] - position[3, :1]
-    turned = placed.position_m[3] - placed.position_m[3, :1]
-    np.testing.assert_allclose(np.linalg.norm(turned, axis=-1), np.linalg.norm(shape, axis=-1))
-    # a rotation, not a mirror image
-    areas = [np.linalg.det(points[1:3, :2]) for points in (turned, shape)]
-    assert areas[0] == pytest.approx(areas[1])
-
-
 @pytest.mark.parametrize("mode", ["uniform", "froude"])
 def test_scaling_is_about_the_floor_below_the_start_e01(mode):
     t = np.arange(0, 1, 0.01)

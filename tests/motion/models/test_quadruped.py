@@ -59,11 +59,11 @@ def paw(motion, foot):
     return motion.position_m[:, motion.markers.index(f"{foot}_paw")]
 
 
-def check_rests(motion, foot, duty, share=1.0):
-    """A paw rests on the floor from each footfall for this share of its duty factor, and is in the air before."""
+def check_rests(motion, foot, duty):
+    """A paw rests on the floor from each footfall for its duty factor, and is in the air before."""
     path, time_s = paw(motion, foot), motion.time_s
     for start, following in itertools.pairwise(motion.facts.footfalls[foot]):
-        end = start + share * duty[foot.split("_")[1]] * (following - start)
+        end = start + duty[foot.split("_")[1]] * (following - start)
         stance = path[(time_s >= start + 1e-9) & (time_s <= end - 1e-9)]
         assert stance.size
         np.testing.assert_allclose(stance, np.broadcast_to(stance[:1] * [1, 1, 0], stance.shape), rtol=0, atol=1e-9)
@@ -86,14 +86,6 @@ def test_paws_rest_where_they_land_move_between_and_are_never_under_the_floor(na
         assert still[: int(int(4.0 * frequency) / frequency * 250)].mean() == pytest.approx(duty[end], abs=0.05)
         clearance = getattr(GAITS[name], end).clearance * quadruped_gaits.hip_height_m(STANDARD, withers_m)
         assert path[:, 2].max() == pytest.approx(clearance, rel=0.01)
-
-
-@pytest.mark.parametrize("name", GAITS)
-def test_paws_rest_from_exact_footfalls_when_strides_vary(name):
-    varied = {"stride_variation": 0.05, "pace_sd": 0.05, "rng": np.random.default_rng(3)}
-    motion = quadruped_gait(gait=name, **varied, duration_s=8, rate_hz=1000)
-    for foot in FEET:  # lift-off is at the duty factor in phase; a faster stride moves it by less than 15 %
-        check_rests(motion, foot, settings(name, GAITS[name].froude[2], 0.5)[4], share=0.85)
 
 
 @pytest.mark.parametrize(("name", "froude", "withers_m"), CASES)
