@@ -116,25 +116,23 @@ def test_limits_are_those_of_recordings_and_hold_the_clip() -> None:
 
 
 def test_restored_lengths_need_the_least_moves() -> None:
-    rng = np.random.default_rng(4)
-    position, pairs = rng.normal(size=(1, 4, 3)), np.array([[0, 1], [1, 2], [2, 3]], dtype=np.int32)
-    wanted = np.linalg.norm(position[:, pairs[:, 0]] - position[:, pairs[:, 1]], axis=2) * 1.02
-    weights = np.array([100.0, 1.0, 1.0, 1.0])
-    found = restore_lengths(position, pairs, wanted, weights, ridge=0.01, steps=8)
-    np.testing.assert_allclose(np.linalg.norm(found[:, pairs[:, 0]] - found[:, pairs[:, 1]], axis=2), wanted, atol=1e-4)
+    position, pairs = (
+        np.random.default_rng(4).normal(size=(1, 4, 3)),
+        np.array([[0, 1], [1, 2], [2, 3]], dtype=np.int32),
+    )
+
+    def lengths(points: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(np.diff(points.reshape(4, 3), axis=0), axis=1)
+
+    wanted, weights = 1.02 * lengths(position), np.array([100.0, 1.0, 1.0, 1.0])
+    found = restore_lengths(position, pairs, wanted[None], weights, ridge=0.01, steps=8)
+    np.testing.assert_allclose(lengths(found), wanted, atol=1e-4)
 
     def moves(x: np.ndarray) -> float:
         return float((weights[:, None] * (x.reshape(4, 3) - position[0]) ** 2).sum())
 
-    lengths = {
-        "type": "eq",
-        "fun": lambda x: (
-            np.linalg.norm(x.reshape(4, 3)[pairs[:, 0]] - x.reshape(4, 3)[pairs[:, 1]], axis=1) - wanted[0]
-        ),
-    }
-    best = minimize(
-        moves, position.ravel(), constraints=lengths, method="SLSQP", options={"ftol": 1e-14, "maxiter": 500}
-    )
+    same = {"type": "eq", "fun": lambda x: lengths(x) - wanted}
+    best = minimize(moves, position.ravel(), constraints=same, method="SLSQP", options={"ftol": 1e-14, "maxiter": 500})
     assert moves(found) == pytest.approx(best.fun, rel=0.02)
     assert np.linalg.norm(found[0, 0] - position[0, 0]) < 0.1 * np.linalg.norm(found[0, 1] - position[0, 1])
 

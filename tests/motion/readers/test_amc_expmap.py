@@ -81,18 +81,14 @@ def test_a_rest_pose_in_front_is_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("key", "value", "pattern"),
     [
-        ("joint_names", [1, 2], "joint_names.0: 1 is not allowed: must be text"),
         ("joint_names", ["a"], "parents must hold 1 indices"),
         ("parents", [-1] * N_JOINTS, "parents must hold 38 indices"),
         ("parents", [0, *range(N_JOINTS - 1)], "parents must hold 38 indices"),
         ("offsets", [[0, 0]] * N_JOINTS, "offsets.0.2: is required"),
         ("offsets", [[0, 0, 0]], "offsets must hold three numbers"),
-        ("offsets", "none", "offsets: 'none' is not allowed"),
-        ("metres_per_unit", -1, "metres_per_unit: -1 is not allowed: must be greater than 0"),
         ("metres_per_unit", True, "metres_per_unit: True is not allowed"),
         ("frame_rate_hz", "fast", "frame_rate_hz: 'fast' is not allowed"),
         ("frame_rate_hz", None, "states no frame rate; give the frame rate: rate_hz="),
-        ("up_axis", "up", "up_axis: 'up' is not allowed: must be 'x', 'y' or 'z'"),
     ],
 )
 def test_a_wrong_skeleton_is_named(tmp_path: Path, key: str, value: object, pattern: str) -> None:
