@@ -78,7 +78,9 @@ def test_dog_lands_where_the_model_says_and_goes_in_its_gait(gait: str, share: f
         assert abs((wrong + 0.5) % 1 - 0.5) < 0.02
 
 
-@pytest.mark.parametrize(("gait", "speed_mps", "low", "high"), [("walk", 1.3, 0.55, 0.75), ("run", 3.0, 0.25, 0.5)])
+@pytest.mark.parametrize(
+    ("gait", "speed_mps", "low", "high"), [("walk", 1.3, 0.55, 0.75), ("run", 1.8, 0.4, 0.5), ("run", 3.0, 0.25, 0.5)]
+)
 def test_run_has_flight_and_walk_has_none(gait: str, speed_mps: float, low: float, high: float) -> None:
     motion = human_gait(gait=gait, speed_mps=speed_mps, duration_s=4.0)
     found = motion_gait.measure_gait(motion)
