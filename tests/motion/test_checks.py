@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion import crawling_person, human_gait, quadruped_gait
@@ -162,16 +163,9 @@ def test_a_marker_lost_for_half_a_second_is_filled_from_its_segment(neighbours: 
     # a box that turns and swings as a thigh does; its fourth corner is lost
     time_s = np.arange(0.0, 4.0, 0.01)
     angle = 0.5 * np.sin(2 * np.pi * 0.9 * time_s)
+    swing = Rotation.from_rotvec(np.outer(angle, [0.0, -1.0, 0.0])).as_matrix()
     corners = np.array([[0.0, 0.0, -0.3], [0.05, 0.0, -0.1], [0.0, 0.08, -0.2], [0.06, 0.06, -0.25]])[3 - neighbours :]
-    turned = np.stack(
-        [
-            corners[:, 0] * np.cos(angle)[:, None] - corners[:, 2] * np.sin(angle)[:, None],
-            corners[:, 1] + 0 * angle[:, None],
-            corners[:, 0] * np.sin(angle)[:, None] + corners[:, 2] * np.cos(angle)[:, None],
-        ],
-        axis=2,
-    )
-    truth = turned + 1.3 * time_s[:, None, None] * [1.0, 0.0, 0.0]
+    truth = np.einsum("tij,pj->tpi", swing, corners) + 1.3 * time_s[:, None, None] * [1.0, 0.0, 0.0]
     truth += np.random.default_rng(2).normal(0.0, 1e-3, truth.shape)
     seen = truth.copy()
     seen[150:200, -1] = np.nan
@@ -201,13 +195,10 @@ def test_a_walk_over_ground_and_a_standing_body_have_no_belt() -> None:
 def circle_walk(*, turns: float) -> Motion:
     """Return a walk bent to a circle; over whole turns its ends face all ways."""
     walk = human_gait(speed_mps=1.2, height_m=1.75, duration_s=8.0, rate_hz=60)
-    position = walk.position_m
-    length_m = 1.2 * 8.0
-    radius_m = length_m / (2 * np.pi * turns)
-    angle = position[..., 0] / radius_m
-    from_centre = radius_m - position[..., 1]
-    bent = np.stack([from_centre * np.sin(angle), radius_m - from_centre * np.cos(angle), position[..., 2]], axis=-1)
-    return walk.with_positions(bent)
+    x, y, z = np.moveaxis(walk.position_m, -1, 0)
+    radius_m = 1.2 * 8.0 / (2 * np.pi * turns)
+    across, along = (radius_m - y) * [np.sin(x / radius_m), np.cos(x / radius_m)]
+    return walk.with_positions(np.stack([across, radius_m - along, z], axis=-1))
 
 
 def side_notes(motion: Motion) -> list[str]:

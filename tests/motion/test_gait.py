@@ -4,7 +4,6 @@ import csv
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from doppelgait.motion import Motion, make_motion
@@ -39,14 +38,6 @@ def test_gait_of_known_lags(gait: str) -> None:
 @pytest.mark.parametrize("lags", [{"lh_lf": 0.2, "lh_rh": 0.5}, {"lh_lf": 0.2, "lh_rh": 0.5, "lf_rf": 0.1}, {}])
 def test_no_gait_without_all_lags_or_with_one_even_pair(lags: dict[str, float]) -> None:
     assert motion_gait.name_quadruped_gait(lags) == ""
-
-
-def test_frequencies_by_gait() -> None:
-    assert motion_gait.step_and_gait_frequency_hz("run", 1.4) == (2.8, 2.8)
-    step, gait = motion_gait.step_and_gait_frequency_hz("bound", 2.0)
-    assert np.isnan(step)
-    assert gait == 2.0
-    assert np.isnan(motion_gait.step_and_gait_frequency_hz("", 2.0)).all()
 
 
 def _check_against_truth(motion: Motion, frames: float) -> None:
@@ -87,45 +78,17 @@ def test_dog_lands_where_the_model_says_and_goes_in_its_gait(gait: str, share: f
         assert abs((wrong + 0.5) % 1 - 0.5) < 0.02
 
 
-def _runner(*, duty: float, stride_hz: float = 1.4, speed_mps: float = 3.0) -> Motion:
-    """Two feet that stand still for ``duty`` of the stride and a body that falls freely while both are in the air."""
-    time_s = np.arange(0, 4.0, 0.005)
-
-    def foot(phase: float) -> npt.NDArray[np.float64]:
-        cycles = time_s * stride_hz - phase
-        swing = np.clip((cycles % 1 - duty) / (1 - duty), 0, 1)
-        return (np.floor(cycles) + swing - np.sin(2 * np.pi * swing) / (2 * np.pi)) * speed_mps / stride_hz
-
-    flight_s = max(0.5 - duty, 0.0) / stride_hz
-    in_step = (time_s * stride_hz - duty) % 0.5 / stride_hz
-    contact = in_step > flight_s
-    rest = np.where(contact, (in_step - flight_s) / (0.5 / stride_hz - flight_s), 0.0)
-    fall = 9.81 / 2 * in_step * (flight_s - in_step)
-    bob = -9.81 / 2 * flight_s * (0.5 / stride_hz - flight_s) / np.pi * np.sin(np.pi * rest)
-    height = 1.0 + np.where(contact, bob, fall)
-    points = np.zeros((time_s.size, 5, 3))
-    points[:, 0, 0], points[:, 1, 0] = foot(0.0), foot(0.5)
-    points[:, 2:, 0] = (speed_mps * time_s)[:, None]
-    points[:, 2:, 2] = height[:, None]
-    points[:, 3, 2] += 0.3
-    # the mean of all points falls like the body only when the feet weigh little: repeat the trunk
-    points = np.concatenate([points, np.repeat(points[:, 2:], 6, axis=1)], axis=1)
-    n_points = points.shape[1]
-    return make_motion(
-        points,
-        rate_hz=200.0,
-        markers=[f"p{n}" for n in range(n_points)],
-        parts=["left_foot", "right_foot", *["torso"] * (n_points - 2)],
-    )
-
-
-def test_run_has_flight_and_walk_has_none() -> None:
-    run, walk = motion_gait.measure_gait(_runner(duty=0.25)), motion_gait.measure_gait(_runner(duty=0.62))
-    assert (run.gait, walk.gait) == ("run", "walk")
-    assert run.stride_frequency_hz == pytest.approx(1.4, rel=0.002)
-    assert run.step_frequency_hz == run.gait_frequency_hz == pytest.approx(2.8, rel=0.002)
+@pytest.mark.parametrize(
+    ("gait", "speed_mps", "low", "high"), [("walk", 1.3, 0.55, 0.75), ("run", 1.8, 0.4, 0.5), ("run", 3.0, 0.25, 0.5)]
+)
+def test_run_has_flight_and_walk_has_none(gait: str, speed_mps: float, low: float, high: float) -> None:
+    motion = human_gait(gait=gait, speed_mps=speed_mps, duration_s=4.0)
+    found = motion_gait.measure_gait(motion)
+    assert (found.gait, found.measured_from) == (gait, "footfalls")
+    assert found.stride_frequency_hz == pytest.approx(motion.facts.stride_frequency_hz, rel=0.002)
+    assert found.step_frequency_hz == found.gait_frequency_hz == pytest.approx(2 * found.stride_frequency_hz)
     # feet below half the body's speed: the stance and the slow ends of the swing
-    assert 0.25 < run.duty_factor < 0.5 < 0.62 < walk.duty_factor < 0.75
+    assert low < found.duty_factor < high
 
 
 def test_standing_body_has_no_footfalls() -> None:
@@ -149,29 +112,23 @@ def test_feet_without_names_are_the_lowest_points_left_and_right() -> None:
     assert found.stride_frequency_hz == pytest.approx(named.facts.stride_frequency_hz, rel=0.005)
 
 
-def test_stated_facts_stay() -> None:
-    model = quadruped_gait(gait="gallop", duration_s=2.0)
-    filled = motion_gait.add_gait_facts(model)
-    for key in ("gait", "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz", "footfalls"):
-        assert getattr(filled.facts, key) == getattr(model.facts, key) or np.isnan(getattr(model.facts, key))
-    assert np.isnan(filled.facts.step_frequency_hz)  # not defined for a gallop
-    wrong = motion_gait.add_gait_facts(model.with_facts(stride_frequency_hz=9.0, gait="trot", gait_frequency_hz=np.nan))
-    assert wrong.facts.stride_frequency_hz == 9.0
-    assert wrong.facts.gait_frequency_hz == 18.0
-
-
-def test_unknown_facts_are_filled() -> None:
+def test_stated_facts_stay_and_unknown_ones_are_filled() -> None:
+    keys = ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")
+    gallop = quadruped_gait(gait="gallop", duration_s=2.0)
+    facts = motion_gait.add_gait_facts(gallop).facts
+    assert (facts.gait, facts.footfalls, facts.stride_frequency_hz) == (
+        "gallop", gallop.facts.footfalls, gallop.facts.stride_frequency_hz
+    )  # fmt: skip
+    assert np.isnan(facts.step_frequency_hz)  # not defined for a gallop
+    stated = gallop.with_facts(stride_frequency_hz=9.0, gait="trot", gait_frequency_hz=np.nan)
+    wrong = motion_gait.add_gait_facts(stated).facts
+    assert (wrong.stride_frequency_hz, wrong.gait_frequency_hz) == (9.0, 18.0)
     model = boulic_walk(speed_mps=1.2, duration_s=5.0)
-    nan = float("nan")
-    bare = model.with_facts(
-        gait="", footfalls={}, stride_frequency_hz=nan, step_frequency_hz=nan, gait_frequency_hz=nan
-    )
+    bare = model.with_facts(gait="", footfalls={}, **dict.fromkeys(keys, np.nan))
     filled = motion_gait.add_gait_facts(bare)
-    assert filled.facts.gait == "walk"
-    for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz"):
+    assert (bare.facts.gait, filled.facts.gait, filled.report["gait"]["stride_from"]) == ("", "walk", "footfalls")
+    for key in keys:
         assert getattr(filled.facts, key) == pytest.approx(getattr(model.facts, key), rel=0.005)
-    assert filled.report["gait"]["stride_from"] == "footfalls"
-    assert bare.facts.gait == ""
 
 
 def test_a_gap_is_bridged_and_a_foot_never_seen_left_out() -> None:

@@ -46,7 +46,6 @@ def bend(motion):
     [
         # loops
         (lambda: loop(boulic_walk(speed_mps=0.8, duration_s=1.0), duration_s=5.0), "a loop needs"),
-        (lambda: loop(WALK, duration_s=0.0), "duration_s"),
         (lambda: loop(WALK, duration_s=NAN), "duration_s"),
         (lambda: loop(WALK, duration_s=5.0, variation=-1.0), "variation"),
         (lambda: loop(HOLED, duration_s=5.0), "has gaps, so it cannot be looped; clean it first"),
@@ -57,13 +56,10 @@ def bend(motion):
         (lambda: retarget(WALK, stride_factor=1.2), rf"stride_factor = 1\.2 {NUMBER} 0\.896 to 1\.12"),
         (lambda: retarget(walk(speed_mps=1.7), speed_factor=1.2), r"speed 0\.7\d, but recordings have 0\.17"),
         (lambda: retarget(WALK, speed_factor="1"), f"speed_factor = '1' {NUMBER}"),
-        (lambda: retarget(WALK, stride_factor=None), f"stride_factor = None {NUMBER}"),
-        (lambda: retarget(WALK, speed_factor=True), f"speed_factor = True {NUMBER}"),
         (lambda: retarget(walk(duration_s=0.8)), "shows no whole stride"),
         (lambda: retarget(HOLED, speed_factor=1.1), "has gaps, so it cannot be retargeted or blended"),
         (lambda: bend(walk(speed_mps=0.9)), r"would bend \d+ degrees further than in the recordings"),
         (lambda: blend(WALK, WALK, share="a"), f"share: 'a' {NUMBER} 0 to 1"),
-        (lambda: blend(WALK, WALK, share=True), f"share: True {NUMBER} 0 to 1"),
         (lambda: blend(WALK, WALK, share=1.5), "share: 1.5 is not allowed"),
         (lambda: blend(WALK, TROT, share=0.5), "they share 10 of 17 and 29 points, none of left_foot"),
         (lambda: blend(WALK, walk(speed_mps=2.9), share=0.5), "the gait is human walk and human run"),
@@ -134,7 +130,6 @@ ABOUT = {"kind": "wander", "room_m": [0, 6, -2, 2]}
         (ARC | {"radius_m": 2}, "path kind 'arc': turn_deg: is required"),
         (ARC | {"radius_m": 2, "turn_deg": 0}, 'turn_deg: 0.*must not be 0; for a line take kind = "straight"'),
         (ARC | {"radius_m": 0.1, "turn_deg": 9}, "radius_m: 0.1 is not allowed.*0.3"),
-        (ARC | {"radius": 2, "turn_deg": 9}, "radius: unknown key; allowed are ahead_m, kind, radius_m"),
         (LINE | {"points_m": [[0, 0]]}, "points_m"),
         (LINE | {"points_m": [[0, 0], [0, 0], [1, 1]]}, "0 and 1 are at the same place"),
         (LINE | {"points_m": [[0, 0], [3, 0], [1, 0.01]]}, "turns back at point 1.*turn_around"),
@@ -142,7 +137,6 @@ ABOUT = {"kind": "wander", "room_m": [0, 6, -2, 2]}
             LINE | {"points_m": [[0, 0], [3, 0], [3, 0.6], [0, 0.6]]},
             r"corners at 1 and 2 take 1 m of the 0\.6 m between them; lower corner_radius_m = 0\.5",
         ),
-        ({"kind": "stop_and_go", "stops": []}, "stops"),
         (
             {"kind": "stop_and_go", "stops": [{"at_m": 2, "pause_s": 1}, {"at_m": 1, "pause_s": 1}]},
             "at_m must rise from stop to stop, but 1 follows 2",
@@ -156,10 +150,8 @@ ABOUT = {"kind": "wander", "room_m": [0, 6, -2, 2]}
         ({"speed_factor": 2.0}, r"speed_factor"),
         ({"other": {"kind": "boulic"}, "share": 0.5}, "must be an unchanged recording"),
         ({"other": {**OTHER, "hybrid": {}}}, "must be an unchanged recording"),
-        ({"factor": 1.0}, "factor"),
         ({"share": 0.5}, "share without other is not allowed: a blend needs both"),
         ({"other": OTHER}, "other without share is not allowed: a blend needs both"),
-        ({"speed_factor": True}, "speed_factor.*must be a number"),
     ],
 )
 def test_mistakes_in_a_table_are_named(table, says):

@@ -60,28 +60,13 @@ def test_body_centre_is_that_of_the_torso_or_of_all_points():
 
 def test_travel_of_a_walk_and_of_a_body_in_place():
     t = np.arange(0, 2.0001, 0.01)
-    walk = motion_of(np.stack([0.6 * t, -0.8 * t, 1 + 0 * t], axis=-1)[:, None], 100.0)
-    assert retime.travel_speed_mps(walk) == pytest.approx(1.0)
+    way = t + 0.5 * t**2
+    walk = motion_of(np.stack([0.6 * way, -0.8 * way, 1 + 0 * t], axis=-1)[:, None], 100.0)
+    assert retime.travel_speed_mps(walk) == pytest.approx(2.0)
+    assert retime.travel_speed_mps(walk, first_s=1.0) == pytest.approx(1.5)
     assert retime.travel_heading_rad(walk) == pytest.approx(np.arctan2(-0.8, 0.6))
     assert walk.duration_s == pytest.approx(2.0)
     assert retime.travel_heading_rad(swing()) == 0.0
-
-
-def test_place_turns_and_moves_rigidly():
-    rng = np.random.default_rng(0)
-    t = np.arange(0, 2.0001, 0.01)
-    position = np.stack([0.6 * t, 0.8 * t, 1 + 0 * t], axis=-1)[:, None] + rng.normal(0, 0.3, (1, 4, 3))
-    walk = motion_of(position, 100.0, parts=("torso", "torso", "left_hand", "head"))
-    placed = retime.place(walk, position_m=(7.0, -3.0), heading_deg=120.0, at_s=0.5)
-    np.testing.assert_allclose(retime.body_centre_m(placed)[50, :2], [7, -3], atol=1e-12)
-    assert np.degrees(retime.travel_heading_rad(placed)) == pytest.approx(120)
-    np.testing.assert_array_equal(placed.position_m[..., 2], walk.position_m[..., 2])
-    shape = position[3] - position[3, :1]
-    turned = placed.position_m[3] - placed.position_m[3, :1]
-    np.testing.assert_allclose(np.linalg.norm(turned, axis=-1), np.linalg.norm(shape, axis=-1))
-    # a rotation, not a mirror image
-    areas = [np.linalg.det(points[1:3, :2]) for points in (turned, shape)]
-    assert areas[0] == pytest.approx(areas[1])
 
 
 @pytest.mark.parametrize("mode", ["uniform", "froude"])
@@ -112,45 +97,24 @@ def test_dynamically_similar_scaling_slows_time_and_footfalls_e01():
     assert retime.travel_speed_mps(scaled) == pytest.approx(0.5)
 
 
-def test_scaling_needs_the_recorded_height_e01():
-    position = np.ones((10, 1, 3))
-    scaled = retime.scale_to_height(motion_of(position), height_m=1.5, recorded_height_m=0.5)
-    assert scaled.position_m[0, 0, 2] == pytest.approx(3.0)
-
-
 @pytest.mark.parametrize("gap", [slice(1, 4), slice(-3, -1)])
 def test_a_gap_elsewhere_does_not_spread_to_the_whole_motion(gap):
     motion = swing()
     motion.position_m[gap] = np.nan
-    scaled = retime.scale_to_height(motion, height_m=1.5, recorded_height_m=1.0)
+    scaled = retime.scale_to_height(motion, height_m=1.5, recorded_height_m=0.5)
     placed = retime.place(motion, position_m=(2.0, 0.0), heading_deg=30.0, at_s=0.0)
-    for result in (scaled, placed):
-        np.testing.assert_array_equal(np.isnan(result.position_m), np.isnan(motion.position_m))
+    np.testing.assert_allclose(scaled.position_m, 3.0 * motion.position_m)
+    np.testing.assert_array_equal(np.isnan(placed.position_m), np.isnan(motion.position_m))
 
 
 @pytest.mark.parametrize("at_s", [0.0, 0.5, 1.0 / 120, 1.234, 359 / 120, 99.0])
-def test_the_body_is_placed_by_interpolating_its_centre(at_s):
-    motion = swing()
+@pytest.mark.parametrize("frames", [1, 360])
+def test_the_body_is_placed_by_interpolating_its_centre(at_s, frames):
+    motion = swing().frames(0, frames)
     placed = retime.place(motion, position_m=(2.0, -1.0), heading_deg=0.0, at_s=at_s)
     times, centre = placed.time_s, retime.body_centre_m(placed)
     at = [np.interp(at_s, times, centre[:, axis]) for axis in (0, 1)]
     np.testing.assert_allclose(at, [2.0, -1.0], atol=1e-12)
-
-
-def test_a_single_frame_can_be_placed_and_scaled():
-    motion = motion_of(np.array([[[0.3, 0.4, 1.0]]]))
-    np.testing.assert_allclose(
-        retime.place(motion, position_m=(2, 1), heading_deg=0, at_s=0).position_m, [[[2.0, 1.0, 1.0]]]
-    )
-    scaled = retime.scale_to_height(motion, height_m=2.0, recorded_height_m=1.0)
-    np.testing.assert_allclose(scaled.position_m, [[[0.3, 0.4, 2.0]]])
-
-
-def test_travel_speed_over_the_first_seconds():
-    t = np.arange(0, 3, 1 / 120)
-    motion = motion_of(np.stack([t + 0.5 * t**2, 0 * t, 1 + 0 * t], axis=-1)[:, None])
-    assert retime.travel_speed_mps(motion, first_s=1.0) == pytest.approx(1.5)
-    assert retime.travel_speed_mps(motion) == pytest.approx(1 + 0.5 * t[-1])
 
 
 @pytest.fixture(scope="module")
@@ -248,7 +212,6 @@ def test_speed_stays_for_all_amounts_at_once(trot):
     amounts = {"limb_swing": 1.4, "trunk_ripple": 2.4, "pitch_deg": 6, "phase_noise": 0.05, "swing_timing": -0.12}
     found = varied(trot, pace=0.8, fore_timing=-0.08, ripple_once_m=0.015, **amounts)
     assert retime.travel_speed_mps(found) == pytest.approx(1.8, rel=0.03)
-    assert np.isfinite(found.position_m).all()
     assert np.abs(np.diff(found.position_m, axis=0)).max() * found.rate_hz < 20
 
 

@@ -58,16 +58,11 @@ WALL = {"kind": "wall", "material": "brick", "thickness_m": 0.1}
         ({"kind": "wall", "material": "brick"}, "material and thickness_m belong together"),
         ({**WALL, "loss_db": 3}, "give either material"),
         ({"kind": "wall", "delay_m": 0.1}, "delay_m needs loss_db"),
-        ({"kind": "wall", "loss_db": -1}, "loss_db: -1 is not allowed"),
         ({**WALL, "material": "gold"}, "material: 'gold' is not allowed: must be concrete, brick"),
         ({**WALL, "material": {"permittivity": 0.5}}, r": material\.permittivity: 0.5 is not allowed"),
-        ({"kind": "wall", "loss_db": 3, "polarisation": "left"}, "polarisation: 'left' is not allowed"),
-        ({"kind": "visibility", "gain_db": []}, "at least 1"),
         ({"kind": "visibility", "gain_db": [[1, 0], [1, -3]]}, "1 m follows 1 m"),
         ({"kind": "visibility", "gain_db": [[2, 0], [1, -3]]}, "1 m follows 2 m"),
-        ({"kind": "visibility", "gain_db": [[-1, 0]]}, "greater than or equal to 0"),
         ({"kind": "visibility", "gain_db": [[1, -301]]}, "-300"),
-        ({"kind": "visibility", "gain_db": [[1, 0, 2]]}, "gain_db"),
         ({"kind": "visibility", "gain_db": [[1, float("-inf")]]}, "finite"),
         ({"kind": "screen", "from_m": [1, 1], "to_m": [1, 1], "height_m": 1, "loss_db": 3}, r"at least 0\.01 m"),
     ],
@@ -118,11 +113,7 @@ def test_an_effect_of_a_plugin_that_returns_no_table_is_named(register, returned
 
 
 def test_which_effects_need_angles():
-    assert not surroundings.needs_angles([])
-    assert not surroundings.needs_angles([surroundings.Wall(loss_db=3), surroundings.Visibility(gain_db=[(0, 0)])])
-    assert surroundings.needs_angles([surroundings.Wall(loss_db=3, range_m=2)])
-    assert surroundings.needs_angles([surroundings.Wall(material="wood", thickness_m=0.1)])
-    assert surroundings.needs_angles(
-        [surroundings.Wall(loss_db=3), surroundings.make_effect({"kind": "ground_bounce"})]
-    )
-    assert surroundings.needs_angles([surroundings.WallGhost(material="wood", thickness_m=0.1, side_m=1.0)])
+    wall, near = surroundings.Wall(loss_db=3), surroundings.Visibility(gain_db=[(0, 0)])
+    assert not surroundings.needs_angles([wall, near])
+    for table in (TABLES[0], TABLES[1], TABLES[2], {"kind": "wall", "loss_db": 3, "range_m": 2}):
+        assert surroundings.needs_angles([wall, surroundings.make_effect(table)])

@@ -15,66 +15,37 @@ from doppelgait.pipeline import Run, run_simulation
 from doppelgait.scene import RcsSpec, Scene, Target, place, placement, side_by_side
 from doppelgait.scene.placement import place_all
 
-AZIMUTHS = st.floats(-360, 360)
-METRES = st.floats(-50, 50)
-MOTIONS = st.one_of(
-    st.builds(lambda v, s: {"kind": "boulic", "speed_mps": v, "stride_variation": s}, st.floats(0.5, 2), st.just(0.02)),
-    st.builds(lambda v: {"kind": "quadruped", "speed_mps": v, "gait": "trot"}, st.floats(1.1, 1.6)),
-    st.builds(lambda v, s: {"kind": "human", "speed_mps": v, "start_phase": s}, st.floats(0.7, 1.5), st.just(0.25)),
-    st.builds(lambda s: {"kind": "file", "path": "walk.c3d", "start_s": s, "segment": "longest"}, st.floats(0, 9)),
-    st.just({"kind": "fan"}),
-)
-PATHS = st.one_of(
-    st.builds(lambda r, t: {"kind": "arc", "radius_m": r, "turn_deg": t}, st.floats(1, 9), st.floats(10, 90)),
-    st.builds(lambda m: {"kind": "turn_around", "out_m": m, "radius_m": 0.5, "side_m": 0.3}, st.floats(1, 9)),
-    st.builds(
-        lambda a, b: {"kind": "polyline", "points_m": [(0, 0), (a, 0), (a, b)]}, st.floats(2, 9), st.floats(2, 9)
-    ),
-    st.just({"kind": "straight", "speed_mps": 1.25}),
-)
-CROSS_SECTIONS = st.one_of(
-    st.sampled_from(["auto", "equal", "body_parts", "surfaces"]),
-    st.builds(
-        RcsSpec,
-        total_m2=st.none() | st.floats(0.01, 9),
-        fluctuation=st.sampled_from(["none", "swerling1", "swerling3"]),
-        total_spread_db=st.floats(0, 10),
-        occlusion=st.booleans(),
-    ),
-)
-PLACES = st.one_of(
-    st.fixed_dictionaries(
-        {}, optional={"range_m": st.floats(0.5, 90), "bearing_deg": AZIMUTHS, "aspect_deg": AZIMUTHS}
-    ),
-    st.fixed_dictionaries(
-        {"start_position_m": st.tuples(METRES, METRES), "heading_deg": AZIMUTHS}, optional={"path": PATHS}
-    ),
-)
-TARGETS = st.builds(
-    lambda motion, label, rcs, place, height_m, background: Target(
-        motion, label, rcs, height_m=height_m, background=background, **place
-    ),
-    MOTIONS, st.text(max_size=8), CROSS_SECTIONS, PLACES, st.none() | st.floats(0.3, 2), st.booleans(),
-)  # fmt: skip
+START = {"start_position_m": (7.0, 1.0), "heading_deg": 170.0}
+TARGETS = [
+    lambda x: {"motion": {"kind": "boulic", "speed_mps": x, "stride_variation": 0.02}, "range_m": x, "aspect_deg": -x},
+    lambda x: {"motion": {"kind": "quadruped", "gait": "trot"}, "rcs": "surfaces", "height_m": x, "background": True},
+    lambda x: {
+        "motion": {"kind": "human", "start_phase": x / 2},
+        "rcs": RcsSpec(total_m2=x, fluctuation="swerling3", total_spread_db=x, occlusion=True),
+        "path": {"kind": "arc", "radius_m": x, "turn_deg": 50 * x},
+    },
+    lambda x: {
+        "motion": {"kind": "file", "path": "walk.c3d", "start_s": x, "segment": "longest"},
+        "rcs": "body_parts",
+        "path": {"kind": "polyline", "points_m": [(0, 0), (2 * x, 0), (2 * x, 3)]},
+    },
+    lambda x: {"motion": "fan", "path": {"kind": "turn_around", "out_m": x, "radius_m": 0.5, "side_m": 0.3}},
+    lambda x: {"motion": "boulic", "rcs": "equal", "path": {"kind": "straight", "speed_mps": x}},
+]
 
 
 @st.composite
 def scenes(draw):
-    targets = draw(st.lists(TARGETS, max_size=3))
+    chosen = st.tuples(st.sampled_from(TARGETS), st.floats(1.1, 1.5), st.text(max_size=8))
+    tables = [{"label": label, **make(number)} for make, number, label in draw(st.lists(chosen, max_size=3))]
+    targets = [Target(**table, **(START if "path" in table else {})) for table in tables]
     if draw(st.booleans()):
-        start = {"start_position_m": (7.0, 1.0), "heading_deg": draw(AZIMUTHS)}
-        first = Target({"kind": "boulic", "speed_mps": 1.3}, label="human", **start)
+        first = Target({"kind": "boulic", "speed_mps": 1.3}, label="human", **START)
         targets += side_by_side(first, Target({"kind": "quadruped", "speed_mps": 1.3}, label="dog"))
-    options = draw(
-        st.fixed_dictionaries(
-            {"duration_s": st.floats(0.1, 99)},
-            optional={
-                "radar_position_m": st.tuples(METRES, METRES, METRES), "radar_azimuth_deg": AZIMUTHS,
-                "receiver_position_m": st.tuples(METRES, METRES, METRES), "radar_tilt_deg": st.floats(-90, 90),
-            },
-        )
-    )  # fmt: skip
-    return Scene(targets, **options)
+    metres, degrees = st.floats(-50, 50), st.floats(-90, 90)
+    places = dict.fromkeys(["radar_position_m", "receiver_position_m"], st.tuples(metres, metres, metres))
+    options = {**places, "radar_azimuth_deg": degrees, "radar_tilt_deg": degrees}
+    return Scene(targets, duration_s=draw(st.floats(0.1, 99)), **draw(st.fixed_dictionaries({}, optional=options)))
 
 
 @settings(max_examples=25, deadline=None)

@@ -41,18 +41,6 @@ def points(paths, rate_hz=100.0, parts=None, **facts):
     return make_motion(position, rate_hz=rate_hz, markers=names, parts=parts or ["torso"] * len(paths), facts=facts)
 
 
-def test_range_velocity_and_angles_in_numbers_e03_e04():
-    sight = line_of_sight(np.array([[3.0, 4.0, 1.0]]), np.array([[-0.6, -0.8, 0.0]]), [0, 0, 1])
-    assert sight.range_m[0] == 5.0
-    assert sight.radial_velocity_mps[0] == pytest.approx(1.0)  # straight towards the radar
-    assert sight.aspect_rad[0] == pytest.approx(0.0, abs=1e-7)
-    assert sight.azimuth_rad[0] == pytest.approx(np.arctan2(4, 3))
-    assert sight.elevation_rad[0] == 0.0
-    above = line_of_sight(np.array([[3.0, 0.0, 5.0]]), np.array([[0.0, 0.0, 1.0]]), [0, 0, 1])
-    assert above.elevation_rad[0] == pytest.approx(np.arctan2(4, 3))
-    assert above.radial_velocity_mps[0] == pytest.approx(-0.8)
-
-
 def test_aspect_is_undefined_for_a_point_that_stands_e04():
     sight = line_of_sight(np.tile([5.0, 0, 0], (2, 1)), np.array([[0.049, 0, 0], [0.051, 0, 0]]), [0, 0, 1])
     assert np.isnan(sight.aspect_rad[0])
@@ -105,14 +93,9 @@ def test_a_target_follows_its_path_from_its_start():
     scene = Scene([Target(motion, start_position_m=(3.0, -1.0), heading_deg=90.0, path=arc)], duration_s=1.5)
     placed = place(scene).targets[0].motion
     t = placed.time_s
-    np.testing.assert_allclose(placed.position_m[0, 0], [3, -1, 1], atol=1e-9)
     # a left turn from heading +y: the centre of the circle is 1 m in -x
     expected = np.stack([2 + np.cos(t), -1 + np.sin(t), np.ones_like(t)], axis=-1)
     np.testing.assert_allclose(placed.position_m[:, 0], expected, atol=1e-6)
-    sight = compute_body_track(place(scene).targets[0], scene, [0.5])
-    assert sight.radial_velocity_mps[0] == pytest.approx(
-        -np.dot([-np.sin(0.5), np.cos(0.5)], [2 + np.cos(0.5), -1 + np.sin(0.5)]) / sight.range_m[0], abs=1e-4
-    )
 
 
 def test_a_path_of_a_scene_file_and_its_mistakes(tmp_path):
@@ -125,12 +108,7 @@ path = { kind = "turn_around", out_m = 2.5, radius_m = 0.5 }
 """
     path = tmp_path / "scene.toml"
     path.write_text("duration_s = 4.0" + target)
-    run = Run.from_toml(path)
-    scene = run.scene
-    assert scene.targets[0].path == TurnAroundPath(out_m=2.5, radius_m=0.5)
-    track = compute_body_track(place(scene).targets[0], scene, [0.5, 3.9])
-    assert track.radial_velocity_mps[0] > 1 > -1 > track.radial_velocity_mps[1]
-    assert type(run).model_validate_json(run.model_dump_json()) == run
+    assert Run.from_toml(path).scene.targets[0].path == TurnAroundPath(out_m=2.5, radius_m=0.5)
     path.write_text("duration_s = 4.0" + target.replace("out_m = 2.5", "out_m = -1"))
     with pytest.raises(ConfigError, match=r"targets\.0\.path\.out_m \(line 6\): -1 is not allowed: must be"):
         Run.from_toml(path)
@@ -155,11 +133,9 @@ def test_paths_that_do_not_suit_their_target():
     ids=["none", "arc", "u"],
 )
 def test_a_leashed_dog_keeps_its_place_beside_the_person(path):
-    person = Target(
-        boulic_walk(speed_mps=1.3, duration_s=8.0), label="human", start_position_m=(7, 1), heading_deg=170, path=path
-    )
-    pair = leashed_dog(person, quadruped_gait(speed_mps=1.3, withers_m=0.4, duration_s=9.0), side_m=-0.5, ahead_m=0.0)
-    scene = Scene(pair, duration_s=3.0)
+    walk, dog = boulic_walk(speed_mps=1.3, duration_s=8.0), quadruped_gait(speed_mps=1.3, duration_s=9.0)
+    person = Target(walk, label="human", start_position_m=(7, 1), heading_deg=170, path=path)
+    scene = Scene(leashed_dog(person, dog, side_m=-0.5, ahead_m=0.0), duration_s=3.0)
     assert [t.label for t in scene.targets] == ["human", "dog"]
     bodies = [body_centre_m(t.motion)[:600, :2] for t in place(scene).targets]
     apart = bodies[1] - bodies[0]
@@ -167,25 +143,21 @@ def test_a_leashed_dog_keeps_its_place_beside_the_person(path):
     heading = np.gradient(bodies[0], axis=0)
     right = (heading[:, 1] * apart[:, 0] - heading[:, 0] * apart[:, 1]) / np.hypot(*heading.T)
     assert right[5:-5].min() > 0.4
-    if path is None:
-        speeds = [np.hypot(*(b[575] - b[0])) / 2.3 for b in bodies]
-        assert speeds[0] == pytest.approx(speeds[1], rel=0.03)
 
 
 def test_companions_that_cannot_keep_together_are_refused():
     walk = boulic_walk(speed_mps=1.3, duration_s=4.0)
     person = Target(walk, start_position_m=(7, 1), heading_deg=170)
-    with pytest.raises(ConfigError, match="needs start_position_m"):
-        side_by_side(Target(walk), Target(walk))
-    with pytest.raises(ConfigError, match=r"speed_mps makes 1\.3 m/s of a motion at .* within 30 %"):
-        leashed_dog(person, quadruped_gait(speed_mps=2.5, duration_s=4.0))
-    with pytest.raises(ConfigError, match="two targets side by side cannot turn on the spot"):
-        side_by_side(
-            Target(walk, start_position_m=(7, 1), heading_deg=1, path={"kind": "turn_around", "out_m": 2}), person
-        )
-    behind = side_by_side(person, Target(walk, label="second"), side_m=0.0, ahead_m=-1.5)
-    scene = Scene(behind)
-    first, second = (body_centre_m(t.motion)[:, :2] for t in place(scene).targets)
+    turning = person.replace(path={"kind": "turn_around", "out_m": 2})
+    for make, says in (
+        (lambda: side_by_side(Target(walk), Target(walk)), "needs start_position_m"),
+        (lambda: leashed_dog(person, quadruped_gait(speed_mps=2.5, duration_s=4.0)), r"1\.3 m/s .* within 30 %"),
+        (lambda: side_by_side(turning, person), "two targets side by side cannot turn on the spot"),
+    ):
+        with pytest.raises(ConfigError, match=says):
+            make()
+    behind = Scene(side_by_side(person, Target(walk, label="second"), side_m=0.0, ahead_m=-1.5))
+    first, second = (body_centre_m(t.motion)[:, :2] for t in place(behind).targets)
     np.testing.assert_allclose(np.hypot(*(first - second).T), 1.5, atol=1e-6)
 
 
@@ -202,26 +174,8 @@ def test_observation_is_the_shortest_motion_unless_given():
     assert place(Scene(walkers, duration_s=0.7)).observation_s == 0.7
     with pytest.raises(ConfigError, match=r"targets\.0.*lasts 1\.000 s.*1\.5 s.*duration_s to 1\.0 or less"):
         place(Scene(walkers, duration_s=1.5))
-    with pytest.raises(ConfigError, match="at least 1 item"):
-        Scene([])
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"start_position_m": (1, 1)}, "belong together"),
-        ({"start_position_m": (1, 1), "heading_deg": 0.0, "aspect_deg": 3.0}, "set either"),
-    ],
-)
-def test_contradicting_places_are_refused(options, message):
-    with pytest.raises(ConfigError, match=message):
-        Target(boulic_walk(duration_s=1.0), **options)
-
-
-def test_times_outside_the_motion_are_refused():
-    scene = Scene([Target(boulic_walk(duration_s=1.0))])
     with pytest.raises(MotionError, match=r"1\.000 s"):
-        assemble(scene, [0.0, 1.2])
+        assemble(Scene(walkers), [0.0, 1.2])
 
 
 PERSON = ["torso", "head", "left_thigh", "right_thigh", "left_shank", "right_shank", "left_foot", "right_foot"]
@@ -248,16 +202,14 @@ def test_shares_of_points_by_part_e08(parts, wanted):
 
 
 def test_total_rcs_follows_the_mass_with_one_law_for_every_class_e08b():
-    person = scatterer_rcs_m2(RcsSpec(), PERSON, 80.0)
-    assert person.sum() == pytest.approx(0.8)
-    assert person[0] == pytest.approx(0.4)
-    assert scatterer_rcs_m2(RcsSpec(), ["trunk", "head"], 20.0).sum() == pytest.approx(0.2)
-    assert scatterer_rcs_m2(RcsSpec(), ["trunk"], 4.5).sum() == pytest.approx(0.045)
-    assert scatterer_rcs_m2(RcsSpec(total_m2=0.3), PERSON, 80.0).sum() == pytest.approx(0.3)
-    assert scatterer_rcs_m2(RcsSpec(), PERSON, float("nan")).sum() == pytest.approx(0.8)
-
-
-def test_cross_sections_that_do_not_go_by_part_e08():
+    for spec, parts, mass_kg, total_m2 in (
+        (RcsSpec(), PERSON, 80.0, 0.8),
+        (RcsSpec(), ["trunk", "head"], 20.0, 0.2),
+        (RcsSpec(), ["trunk"], 4.5, 0.045),
+        (RcsSpec(total_m2=0.3), PERSON, 80.0, 0.3),
+        (RcsSpec(), PERSON, float("nan"), 0.8),
+    ):
+        assert scatterer_rcs_m2(spec, parts, mass_kg).sum() == pytest.approx(total_m2)
     np.testing.assert_allclose(scatterer_rcs_m2(RcsSpec(kind="equal"), PERSON, 80.0), 0.8 / 14)
     with pytest.raises(ConfigError, match="body_parts"):
         scatterer_rcs_m2(RcsSpec(kind="body_parts"), ["", "nose"], 80.0)
@@ -283,24 +235,20 @@ def test_truth_is_the_geometry_that_the_radar_saw():
     walkers.append(Target(boulic_walk(speed_mps=0.7, height_m=1.2, duration_s=2.0), bearing_deg=30.0))
     scene = Scene(walkers)
     recording = simulate(scene, Radar.preset("x4"))
-    slow_time_s = recording.baseband.coords["slow_time"].values
-    table = assemble(scene, slow_time_s, wavelength_m=recording.radar.wavelength_m)
-    for number, truth in enumerate(recording.truth):
+    slow_time_s, wavelength_m = recording.slow_time_s, recording.radar.wavelength_m
+    table = assemble(scene, slow_time_s, wavelength_m=wavelength_m)
+    assert [t.label for t in recording.truth] == ["human", ""]
+    for number, (truth, speed_mps) in enumerate(zip(recording.truth, (1.3, 0.7), strict=True)):
         rows = table.isel(scatterer=table.coords["target"].values == number)
         np.testing.assert_array_equal(truth.scatterers["range"], rows["range"])
         centre = compute_body_track(place(scene).targets[number], scene, slow_time_s)
         np.testing.assert_array_equal(truth.centre_range_m, centre.range_m)
         np.testing.assert_array_equal(truth.centre_velocity_mps, centre.radial_velocity_mps)
-        speed = walkers[number].motion.facts
-        assert truth.gait_frequency_hz == speed.gait_frequency_hz == 2 * truth.stride_frequency_hz
+        facts = walkers[number].motion.facts
+        assert truth.gait_frequency_hz == facts.gait_frequency_hz == 2 * truth.stride_frequency_hz
         assert truth.step_frequency_hz == 2 * truth.stride_frequency_hz
-    assert [t.label for t in recording.truth] == ["human", ""]
-    assert recording.truth[0].ground_speed_mps == pytest.approx(1.3, rel=0.03)
-    assert recording.truth[1].ground_speed_mps == pytest.approx(0.7, rel=0.03)
-    wavelength_m = recording.radar.wavelength_m
-    np.testing.assert_allclose(
-        recording.truth[0].doppler_hz(wavelength_m), 2 * table["radial_velocity"].values[:, :20] / wavelength_m
-    )
+        assert truth.ground_speed_mps == pytest.approx(speed_mps, rel=0.03)
+        np.testing.assert_allclose(truth.doppler_hz(wavelength_m), 2 * rows["radial_velocity"].values / wavelength_m)
 
 
 def test_the_body_to_draw_stands_where_the_radar_saw_it():
@@ -317,15 +265,6 @@ def test_the_body_to_draw_stands_where_the_radar_saw_it():
     np.testing.assert_allclose(range_m, truth.scatterers["range"].values[pulses], atol=2e-6)
     assert list(truth.body.coords["part"].values) == list(truth.scatterers.coords["part"].values)
     assert simulate(scene, Radar.preset("x4"), angles=False).truth[0].body is None
-
-
-def test_truth_of_a_target_that_is_scaled_dynamically_e01():
-    motion = boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=3.0)
-    recording = simulate(Scene([Target(motion, height_m=1.2, scaling="froude")], duration_s=2.0), Radar.preset("x4"))
-    truth = recording.truth[0]
-    assert truth.gait_frequency_hz == pytest.approx(motion.facts.gait_frequency_hz * 1.5**0.5)
-    assert truth.ground_speed_mps == pytest.approx(1.2 * (2 / 3) ** 0.5, rel=0.03)
-    assert truth.height_m == 1.2
 
 
 SPEED_OF_LIGHT = 299_792_458.0
@@ -350,11 +289,9 @@ def walker(**options):
     return Target(boulic_walk(duration_s=1.4), **{**place, **options})
 
 
-def point(position_m, velocity_mps, duration_s=1.4):
+def point(position_m, velocity_mps):
     """Motion of one point in a straight line."""
-    t = np.arange(0, duration_s + 0.005, 0.01)[:, None]
-    path = np.asarray(position_m, dtype=float) + np.asarray(velocity_mps, dtype=float) * t
-    return make_motion(path[:, None], rate_hz=100.0, markers=["p"], parts=["torso"])
+    return points([lambda t: [a + v * t for a, v in zip(position_m, velocity_mps, strict=True)]])
 
 
 def test_table_and_centre_track_follow_the_two_ways():
@@ -381,16 +318,14 @@ def test_table_and_centre_track_follow_the_two_ways():
 
 @pytest.mark.parametrize("rcs", ["auto", {**SURFACES, "fluctuation": "swerling3", "total_spread_db": 3.0}])
 def test_a_receiver_at_the_transmitter_is_a_monostatic_radar(rcs):
-    target = walker(rcs=rcs)
-    alone = Scene([target], radar_position_m=TRANSMITTER)
-    both = Scene([target], radar_position_m=TRANSMITTER, receiver_position_m=TRANSMITTER)
+    alone = Scene([walker(rcs=rcs)], radar_position_m=TRANSMITTER)
+    both = alone.replace(receiver_position_m=TRANSMITTER)
     seen, expected = (observe(s, TIMES, rng=np.random.default_rng(5)) for s in (both, alone))
     for name in VARIABLES:
         np.testing.assert_array_equal(seen[0][name].values, expected[0][name].values)
     for name in ("range_m", "radial_velocity_mps", "aspect_rad", "azimuth_rad", "elevation_rad"):
         np.testing.assert_allclose(getattr(seen[1][0], name), getattr(expected[1][0], name), rtol=1e-12, atol=1e-9)
-    assert seen[0].attrs == {"bistatic": True}
-    assert expected[0].attrs == {}
+    assert (seen[0].attrs, expected[0].attrs) == ({"bistatic": True}, {})
 
 
 @pytest.mark.parametrize(("there", "back"), [(3.0, 7.0), (7.0, 3.0), (5.0, 5.0), (0.1, 4.0), (0.05, 0.1)])
@@ -439,41 +374,42 @@ def test_an_empty_room_has_a_table_without_scatterers(angles):
     assert place(scene).observation_s == 1.5
     table, tracks = observe(scene, TIMES, angles=angles)
     filled = assemble(Scene([walker()]), TIMES, angles=angles)
-    assert tracks == []
-    assert table.sizes == {"slow_time": 60, "scatterer": 0}
+    assert (tracks, table.sizes) == ([], {"slow_time": 60, "scatterer": 0})
     assert set(table.data_vars) == set(filled.data_vars)
     for name in filled.variables:
-        assert table[name].dims == filled[name].dims
-        assert table[name].attrs == filled[name].attrs
-        assert table[name].dtype.kind == filled[name].dtype.kind
+        kinds = [(one[name].dims, one[name].attrs, one[name].dtype.kind) for one in (table, filled)]
+        assert kinds[0] == kinds[1]
     np.testing.assert_array_equal(read_axis(table, "slow_time"), TIMES)
     assert not synthesise(table, Radar.preset("x4")).values.any()
 
 
 def test_a_scene_file_knows_receiver_boresight_and_background():
-    fan = {"motion": {"kind": "boulic"}, "background": True, "range_m": 3.0}
-    keys = {
-        "duration_s": 1.0, "radar_azimuth_deg": 30, "radar_tilt_deg": -10, "receiver_position_m": [1.0, 2.0, 0.5],
-    }  # fmt: skip
-    scene = validate(Scene, {"targets": [{"motion": {"kind": "boulic"}}, fan], **keys})
+    walk = {"motion": {"kind": "boulic"}}
+    keys = {"radar_azimuth_deg": 30, "radar_tilt_deg": -10, "receiver_position_m": [1.0, 2.0, 0.5], "duration_s": 1.0}
+    scene = validate(Scene, {"targets": [walk, {**walk, "background": True, "range_m": 3.0}], **keys})
     assert Scene.model_validate_json(scene.model_dump_json()) == scene
     assert [target.background for target in scene.targets] == [False, True]
     assert (scene.radar_azimuth_deg, scene.radar_tilt_deg) == (30, -10)
     assert scene.receiver_position_m == (1.0, 2.0, 0.5)
-    plain = validate(Scene, {"targets": [{"motion": {"kind": "boulic"}}], "duration_s": 1.0})
-    assert (plain.radar_azimuth_deg, plain.radar_tilt_deg, plain.receiver_position_m) == (0.0, 0.0, None)
-    empty = validate(Scene, {"duration_s": 2.0, "targets": []})
-    assert empty.targets == ()
-    assert place(empty).observation_s == 2.0
-    assert Scene(duration_s=2.0).targets == ()
+    assert Scene(duration_s=2.0).targets == validate(Scene, {"duration_s": 2.0, "targets": []}).targets == ()
     with pytest.raises(ConfigError, match=r"^targets: .* at least 1 item .*, or give duration_s"):
         validate(Scene, {"targets": []})
 
 
+BOTH = {"start_position_m": (1, 1), "heading_deg": 0.0}
+
+
 @pytest.mark.parametrize(
-    ("key", "value"),
-    [("radar_tilt_deg", 91.0), ("radar_azimuth_deg", 400.0), ("receiver_position_m", (1.0, 2.0, math.inf))],
+    ("make", "says"),
+    [
+        (lambda: Target("boulic", start_position_m=(1, 1)), "belong together"),
+        (lambda: Target("boulic", aspect_deg=3.0, **BOTH), "set either"),
+        (lambda: Scene([]), "at least 1 item"),
+        (lambda: Scene(duration_s=1.0, radar_tilt_deg=91.0), "radar_tilt_deg"),
+        (lambda: Scene(duration_s=1.0, radar_azimuth_deg=400.0), "radar_azimuth_deg"),
+        (lambda: Scene(duration_s=1.0, receiver_position_m=(1.0, 2.0, math.inf)), "receiver_position_m"),
+    ],
 )
-def test_places_of_the_radar_that_make_no_sense_are_refused(key, value):
-    with pytest.raises(ConfigError, match=key):
-        Scene(duration_s=1.0, **{key: value})
+def test_places_that_make_no_sense_are_refused(make, says):
+    with pytest.raises(ConfigError, match=says):
+        make()

@@ -9,7 +9,7 @@ import pytest
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.keys import list_keys
-from doppelgait.motion.models.registry import check_table, generate_all
+from doppelgait.motion.models.registry import check_table, generate, generate_all
 
 MODELS = {
     # kind: (function, species, gait)
@@ -25,6 +25,7 @@ MODELS = {
     "rotor": (dg.motion.models.rotor, "", ""),
     "vacuum": (dg.motion.models.robot_vacuum, "", ""),
 }
+STRIDES = ("human", "quadruped", "boulic", "crawl")
 LONG_STEPS = {"gait": "walk", "speed_mps": 2.5, "walk_ratio": 1.4, "step_length_sd": 0.1, "length_asymmetry": 0.4}
 
 
@@ -52,34 +53,20 @@ def test_each_name_alone_gives_a_motion(kind):
 
 
 def test_motions_of_a_batch_are_those_made_alone():
-    models = [
-        {
-            "kind": kind,
-            "rate_hz": rate_hz,
-            "start_phase": 0.3,
-            **({"gait": gait} if kind == "quadruped" else {}),
-            **options,
-        }
-        for kind in ("human", "quadruped", "boulic", "crawl")
-        for rate_hz, gait, options in (
-            (100.0, "walk", {}),
-            (250.0, "gallop", {} if kind in ("boulic", "crawl") else {"length_asymmetry": 0.02}),
-            (250.0, "trot", {"pace_sd": 0.02, **({"left_hand": "bag"} if kind == "human" else {})}),
-        )
-    ] + [{"kind": "human", "gait": "run", "speed_mps": 3.1}, {"kind": "human", "foot_lock": False}, {"kind": "fan"}]
-    models = models + models[::-1]
+    base = [{"kind": kind, "rate_hz": rate_hz, "start_phase": 0.3} for rate_hz in (100.0, 250.0) for kind in STRIDES]
+    models = base + [model | {"pace_sd": 0.02} for model in base]
+    models += [{"kind": "quadruped", "gait": gait, "length_asymmetry": 0.02} for gait in ("walk", "gallop")]
+    models += [{"kind": "human", "gait": "run", "speed_mps": 3.1}, {"kind": "human", "left_hand": "bag"}]
+    models += [{"kind": "human", "foot_lock": False}, {"kind": "fan"}]
     durations_s = [1.0 + 0.13 * number for number in range(len(models))]
-    together = generate_all(
-        models, durations_s=durations_s, rngs=[np.random.default_rng(n) for n in range(len(models))]
-    )
+    rngs = [np.random.default_rng(n) for n in range(len(models))]
+    together = generate_all(models, durations_s=durations_s, rngs=rngs)
     for number, (model, duration_s, motion) in enumerate(zip(models, durations_s, together, strict=True)):
-        alone = dg.motion.models.generate(model, duration_s=duration_s, rng=np.random.default_rng(number))
+        alone, other = (generate(model, duration_s=duration_s, rng=np.random.default_rng(number + n)) for n in (0, 1))
         assert alone.position_m.tobytes() == motion.position_m.tobytes(), model
         assert (repr(alone.facts), alone.report) == (repr(motion.facts), motion.report)
         assert alone.time_s.tobytes() == motion.time_s.tobytes()
-        varies = {"stride_variation", "pace_sd"} & model.keys()
-        other = dg.motion.models.generate(model, duration_s=duration_s, rng=np.random.default_rng(number + 1))
-        assert (other.position_m.tobytes() == motion.position_m.tobytes()) is not bool(varies)
+        assert (other.position_m.tobytes() == motion.position_m.tobytes()) is ("pace_sd" not in model)
 
 
 @pytest.mark.parametrize(("setting", "memory", "share"), [("stride_variation", 0.5, 0), ("pace_sd", 0.56, 0.5)])
@@ -104,10 +91,8 @@ def test_strides_vary_with_the_given_deviation_and_memory(kind, foot, setting, m
     ("kind", "options", "expected"),
     [
         ("boulic", {"speed_mps": 2.7, "height_m": 1.8}, "2.7|1.8|2.65 m/s"),
-        ("boulic", {"speed_mps": 0}, "speed_mps|0|greater than 0"),
         ("boulic", {"speed_mps": float("nan")}, "speed_mps|nan"),
         ("boulic", {"height_m": 0.3}, "height_m|0.3|0.6"),
-        ("boulic", {"start_phase": 1.0}, "start_phase|1.0|less than 1"),
         ("boulic", {"form": "chen"}, "form|chen|chen2011"),
         ("boulic", {"duration_s": float("inf")}, "duration_s|inf"),
         ("human", {"gait": "walk", "speed_mps": 3}, "speed_mps|3|2.58|walk"),
@@ -115,9 +100,7 @@ def test_strides_vary_with_the_given_deviation_and_memory(kind, foot, setting, m
         ("human", {"gait": "run", "speed_mps": 3, "foot_lock": False}, "foot_lock|run"),
         ("human", {"body": "child", "height_m": 1.75}, "height_m|1.75|child|1.6"),
         ("human", {"left_hand": "waving"}, "left_hand|waving|pockets"),
-        ("human", {"step_time_sd": 0.5}, "step_time_sd|0.5|0.1"),
         ("human", {"step_time_sd": 0.02}, "step_time_sd = 0.02|rng"),
-        ("human", {"walk_ratio": 9}, "walk_ratio|9|1.4"),
         ("human", {**LONG_STEPS, "rng": np.random.default_rng(0)}, "too long|walk_ratio"),
         ("quadruped", {"gait": "trot", "withers_m": 0.5, "speed_mps": 5.0}, "5|trot|1.08 to 3.13 m/s"),
         ("quadruped", {"gait": "gallop", "withers_m": 0.5, "speed_mps": 1.0}, "1|gallop|2.17 to 6.26 m/s"),
@@ -128,25 +111,15 @@ def test_strides_vary_with_the_given_deviation_and_memory(kind, foot, setting, m
         ("quadruped", {"froude": 1.0, "speed_mps": 2.0}, "speed_mps or froude, not both"),
         ("quadruped", {"build": "cat", "gait": "walk", "speed_mps": 2.0}, "a cat with withers_m = 0.25"),
         ("quadruped", {"withers_m": 1.2}, "withers_m|1.2|0.15 to 0.9"),
-        ("quadruped", {"asymmetry": 0.2}, "asymmetry|0.2"),
         ("quadruped", {"step_length_sd": 0.05}, "step_length_sd = 0.05|rng"),
         ("vacuum", {"brush_hz": 20, "rate_hz": 100}, "rate_hz|100|16|brush_hz"),
-        ("vacuum", {"speed_mps": 5}, "speed_mps|5|1"),
         ("curtain", {"drop_m": 3}, "rail_height_m|2|3"),
-        ("curtain", {"columns": 0}, "columns|0|1"),
-        ("fan", {"blades": 2}, "blades|2|3"),
         ("fan", {"rotation_hz": 60, "rate_hz": 500}, "rate_hz|500|rotation_hz"),
-        ("fan", {"hub_height_m": 0.1}, "hub_height_m|0.1|0.2"),
-        ("crawl", {"speed_mps": 2}, "speed_mps|2|0.8"),
         ("crawl", {"speed_mps": 0.8, "height_m": 0.9}, "speed_mps|0.8|0.77"),
         ("crawl", {"pace_sd": 0.05}, "pace_sd|0.05|rng"),
-        ("point", {"speed_mps": -1}, "speed_mps|-1|0"),
         ("pendulum", {"length_m": 2.0}, "pivot_height_m|1|2"),
-        ("pendulum", {"frequency_hz": 0}, "frequency_hz|0"),
         ("rotor", {"radius_m": 1.5}, "hub_height_m|1|1.5"),
         ("rotor", {"plane": "zz"}, "plane|zz|xz"),
-        ("rotor", {"blades": 0}, "blades|0|1"),
-        ("breathing", {"amplitude_m": 1}, "amplitude_m|1|0.05"),
     ],
 )
 def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(kind, options, expected):

@@ -100,7 +100,7 @@ def test_bone_ends_agree_with_a_bone_by_bone_walk(walk: Path) -> None:
             np.testing.assert_allclose(motion.positions.sel(marker=name).values[t], place * UNIT_M, atol=1e-8)
 
 
-def test_axes_rate_unit_and_skeleton_are_reported(walk: Path) -> None:
+def test_axes_rate_unit_and_skeleton_are_reported(walk: Path, tmp_path: Path) -> None:
     motion = read(walk, clean=False, up_axis="y")
     report = motion.report
     assert (motion.rate_hz, report["frame_rate_from"]) == (120.0, "assumed")
@@ -110,12 +110,18 @@ def test_axes_rate_unit_and_skeleton_are_reported(walk: Path) -> None:
     upright = read(walk, clean=False, up_axis="z").position_m
     np.testing.assert_allclose(motion.position_m, upright[..., [2, 0, 1]])
     assert read(walk, clean=False, rate_hz=60.0).report["frame_rate_from"] == "option"
+    # the unit is inches over its length
+    (tmp_path / "07.asf").write_text(asf_text(length="0.9"))
+    np.testing.assert_allclose(read(walk, clean=False, up_axis="z").position_m, upright / 2)
+    np.testing.assert_allclose(read(walk, clean=False, up_axis="z", units="cmu").position_m, upright)
 
 
-def test_radians_are_taken_from_motion_and_skeleton(walk: Path, tmp_path: Path) -> None:
+def test_radians_are_taken_from_motion_and_skeleton_and_bones_without_values_rest(walk: Path, tmp_path: Path) -> None:
+    given = angles() | {"head": 0.0 * angles()["head"]}
+    walk.write_text(amc_text(given))
     expected = read(walk, clean=False).position_m
-    values = {name: np.radians(table) for name, table in angles().items()}
-    values["root"][:, :3] = angles()["root"][:, :3]
+    values = {name: np.radians(table) for name, table in given.items() if name != "head"}
+    values["root"][:, :3] = given["root"][:, :3]
     walk.write_text(amc_text(values, head=":fully-specified\n:radians\n"))
     np.testing.assert_allclose(read(walk, clean=False).position_m, expected, atol=1e-8)
     bones = {
@@ -125,22 +131,6 @@ def test_radians_are_taken_from_motion_and_skeleton(walk: Path, tmp_path: Path) 
     (tmp_path / "07.asf").write_text(asf_text(angle="rad", bones=bones))
     walk.write_text(amc_text(values, head=":FULLY-SPECIFIED\n"))
     np.testing.assert_allclose(read(walk, clean=False).position_m, expected, atol=1e-8)
-
-
-def test_length_unit_is_inches_over_length(walk: Path, tmp_path: Path) -> None:
-    expected = read(walk, clean=False).position_m
-    (tmp_path / "07.asf").write_text(asf_text(length="0.9"))
-    np.testing.assert_allclose(read(walk, clean=False).position_m, expected / 2)
-    np.testing.assert_allclose(read(walk, clean=False, units="cmu").position_m, expected)
-
-
-def test_bones_without_values_rest(walk: Path) -> None:
-    values = angles()
-    still = {**values, "head": np.zeros_like(values["head"])}
-    walk.write_text(amc_text(still))
-    expected = read(walk, clean=False).position_m
-    walk.write_text(amc_text({name: table for name, table in values.items() if name != "head"}))
-    np.testing.assert_array_equal(read(walk, clean=False).position_m, expected)
 
 
 def test_the_skeleton_is_found_by_name_comment_or_alone(tmp_path: Path) -> None:

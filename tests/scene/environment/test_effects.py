@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-import xarray as xr
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize
 from scipy.special import fresnel
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
@@ -46,17 +45,13 @@ def test_materials_at_9_ghz_are_those_of_another_programs_table(name, real, cond
     assert -eps.imag * 9 / 17.98 == pytest.approx(conductivity, rel=1e-4)
 
 
-def test_ground_permittivity_falls_with_frequency_as_f_to_b():
+def test_own_material_and_its_loss_and_the_ground_by_frequency():
+    own = materials.Dielectric(permittivity=4.0, conductivity_s_per_m=0.1)
+    eps = materials.relative_permittivity(own, wavelength_m=C_MPS / 5e9)
+    assert eps == pytest.approx(4.0 - 1j * 0.1 / (2 * np.pi * 5e9 * 8.8541878e-12), rel=3e-4)
     low, high = (materials.relative_permittivity("medium_dry_ground", wavelength_m=C_MPS / f) for f in (2e9, 8e9))
     assert high.real / low.real == pytest.approx(4.0**-0.1)
     assert high.imag / low.imag == pytest.approx(4.0**0.63)
-
-
-def test_own_material_and_its_loss():
-    eps = materials.relative_permittivity(
-        materials.Dielectric(permittivity=4.0, conductivity_s_per_m=0.1), wavelength_m=C_MPS / 5e9
-    )
-    assert eps == pytest.approx(4.0 - 1j * 0.1 / (2 * np.pi * 5e9 * 8.8541878e-12), rel=3e-4)
 
 
 def test_band_of_a_material():
@@ -85,12 +80,7 @@ def test_delay_at_an_angle_is_that_of_the_refracted_way():
         rest = far_m - wall_m - d
         return np.hypot(wall_m, x) + np.sqrt(eps) * np.hypot(d, y) + np.hypot(rest, aside_m - x - y)
 
-    shortest = minimize_scalar(
-        lambda x: minimize_scalar(lambda y: way(x, y), bounds=(0, 0.2), method="bounded", options={"xatol": 1e-12}).fun,
-        bounds=(0, aside_m),
-        method="bounded",
-        options={"xatol": 1e-12},
-    ).fun  # Fermat
+    shortest = minimize(lambda at: way(*at), [0.8, 0.02], tol=1e-12).fun  # Fermat
     straight = np.hypot(far_m, aside_m)
     delay = materials.slab_delay_m(far_m / straight, permittivity=eps + 0j, thickness_m=d)
     assert delay == pytest.approx(shortest - straight, rel=3e-3)
@@ -107,16 +97,11 @@ def test_many_rays_by_fewer_values(mode, thickness_m):
         calls.append(c.size)
         return materials.insertion_coefficient(c, **options)
 
-    quick = materials.interpolate_coefficient(coefficient, cosines, thickness_m=thickness_m, wavelength_m=LAMBDA_M)
-    np.testing.assert_allclose(quick, materials.insertion_coefficient(cosines, **options), rtol=0, atol=3e-5)
+    for rays in (cosines, cosines[:1, :5]):
+        quick = materials.interpolate_coefficient(coefficient, rays, thickness_m=thickness_m, wavelength_m=LAMBDA_M)
+        np.testing.assert_allclose(quick, materials.insertion_coefficient(rays, **options), rtol=0, atol=3e-5)
     assert calls[0] < cosines.size / 10
-    grid = np.linspace(cosines.min(), cosines.max(), calls[0])
-    assert quick.tobytes() == np.interp(cosines, grid, materials.insertion_coefficient(grid, **options)).tobytes()
-    few = cosines[:1, :5]
-    np.testing.assert_array_equal(
-        materials.interpolate_coefficient(coefficient, few, thickness_m=thickness_m, wavelength_m=LAMBDA_M),
-        materials.insertion_coefficient(few, **options),
-    )
+    assert calls[1] == 5
 
 
 def places(n=7, seed=2):
@@ -132,25 +117,6 @@ def spreading(range_m, angle_deg, eps, thickness_m):
         for r, a in zip(range_m, angle_deg, strict=True)
     ]
     return (np.array(range_m) ** 2 / np.prod(radii, axis=1)) ** 2
-
-
-@pytest.mark.parametrize("range_m", [1.0, 2.0, 4.0, 8.0])
-def test_level_behind_brick_is_that_of_the_sum_of_plane_waves(range_m):
-    """Spherical wave behind a slab: Weyl's integral of plane waves along the path of steepest descent, both ways."""
-    d, eps = 0.115, materials.relative_permittivity("brick", wavelength_m=LAMBDA_M)
-    node, weight = np.polynomial.laguerre.laggauss(60)
-    cosine = np.append(1 - 1j * node / (K * range_m), 1.0)
-    inside = np.sqrt(eps - 1 + cosine**2)
-    through = np.exp(-1j * K * d * inside)
-    field = []
-    for r in ((cosine - inside) / (cosine + inside), (eps * cosine - inside) / (eps * cosine + inside)):
-        t = (1 - r**2) * through / (1 - (r * through) ** 2) * np.exp(1j * K * d * cosine)
-        field.append((weight @ t[:-1]) / 2)  # te and tm waves by halves on the axis
-    exact = abs(sum(field)) ** 4
-    table = echo_table(np.array([[[range_m, 0.0, 1.0]]]), SETTING.radar_position_m)
-    after = apply_environment(table, [Wall(material="brick", thickness_m=d)], SETTING)
-    echo = after["path_gain"].item() * (table["range"] / after["range"]).item() ** 4
-    assert 10 * np.log10(echo / exact) == pytest.approx(0.0, abs=0.1)
 
 
 def test_wall_touches_only_what_is_behind_it():
@@ -290,37 +256,12 @@ def test_an_image_by_the_floor_sees_the_screens_image():
                                levels_db([[5, 0.2, 0.1]], radar_m=(0, 0, 0)))  # fmt: skip
 
 
-def visible(range_m, path_gain):
-    dims = ("slow_time", "scatterer")
-    values = np.atleast_2d(np.asarray(range_m, dtype=float))
-    return xr.Dataset(
-        {
-            "range": (dims, values, {"units": "m"}),
-            "path_gain": (dims, np.broadcast_to(path_gain, values.shape), {"units": "1"}),
-        }
-    )
-
-
 def test_every_echo_at_every_time_by_its_own_range():
-    ranges, gains = np.random.default_rng(0).uniform(0, 10, (50, 7)), np.random.default_rng(1).uniform(0, 1, (50, 7))
+    ranges = np.random.default_rng(0).uniform(0.1, 10, (50, 7))
+    before = echo_table(ranges[..., None] * [1.0, 0.0, 0.0] + [0.0, 0.0, 1.0], (0.0, 0.0, 1.0))
+    before["path_gain"] = before["path_gain"] * 0.3
     points = [(0.5, -200.0), (0.6, -3.0), (8.0, 0.0)]
-    before = visible(ranges, gains)
     seen = apply_visibility(before, Visibility(gain_db=points), SETTING)
-    for i, k in np.ndindex(ranges.shape):
-        r = ranges[i, k]
-        if r <= 0.5:
-            level_db = -200.0
-        elif r <= 0.6:
-            level_db = -200.0 + 197.0 * (r - 0.5) / 0.1
-        elif r <= 8.0:
-            level_db = -3.0 + 3.0 * (r - 0.6) / 7.4
-        else:
-            level_db = 0.0
-        assert seen["path_gain"].values[i, k] == pytest.approx(gains[i, k] * 10 ** (level_db / 10), rel=1e-9)
-    np.testing.assert_array_equal(before["path_gain"].values, gains)
-    np.testing.assert_array_equal(seen["range"].values, ranges)
-
-
-def test_one_pair_is_the_same_gain_everywhere():
-    seen = apply_visibility(visible([0.0, 50.0], 1.0), Visibility(gain_db=[[2.0, 6.0]]), SETTING)
-    np.testing.assert_allclose(seen["path_gain"].values, 10**0.6)
+    levels_db = np.interp(ranges, *zip(*points, strict=True))
+    np.testing.assert_allclose(seen["path_gain"], 0.3 * 10 ** (levels_db / 10), rtol=1e-9)
+    np.testing.assert_array_equal(seen["range"], before["range"])
