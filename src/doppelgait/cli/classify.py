@@ -182,10 +182,6 @@ def explain_model(model: Model, name: str | None) -> None:
         )
     if not model.calibration.n_rows:
         print_message(f"note: {name or facts.dataset_name}: its probabilities are not calibrated")
-    if facts.alarm_threshold is not None and facts.alarm_people is not None:
-        people = f"{facts.alarm_people} held-out targets of class {facts.alarm}"
-        missed = "" if facts.alarm_missed is None else f", of whom {facts.alarm_missed:.0%} stay below it"
-        print_message(f"note: the alarm threshold is based on {people}{missed}")
 
 
 @takes_options(Options, make_option)

@@ -33,17 +33,11 @@ def fit(
         typer.Argument(help="Recordings or folders: an empty room, or several recordings with any content."),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Calibrated preset to write, .toml.")],
-    preset: Annotated[
-        str | None,
-        typer.Option("--preset", help="Preset for values that the files do not store."),
-    ] = None,
+    preset: Annotated[str | None, typer.Option(help="Preset for values that no file stores.")] = None,
     options: ReaderOptions = None,
-    start: Annotated[float | None, typer.Option("--start", help="Start of the used part of the recording, s.")] = None,
-    stop: Annotated[float | None, typer.Option("--stop", help="End of the used part of the recording, s.")] = None,
-    people_at: Annotated[
-        float | None,
-        typer.Option("--people-at", help="Median range of the people in the recordings, m: sets the gain."),
-    ] = None,
+    start: Annotated[float | None, typer.Option(help="Start of the used part, s.")] = None,
+    stop: Annotated[float | None, typer.Option(help="End of the used part, s.")] = None,
+    people_at: Annotated[float | None, typer.Option(help="Median range of people, m; sets the gain.")] = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to write a figure into.")] = None,
     figure_format: FigureOption = FigureFormat.png,
     as_json: AsJson = False,
@@ -87,10 +81,9 @@ def fit(
     print_tables([used[:20], [_format_quantity(row, len(used) > 1) for row in values["quantities"]]])
     if len(used) > 20:
         print_message(f"and {len(used) - 20} more recordings")
-    for name, why in values["notes"].items():
-        print_message(f"note: {name}: {why}")
-    for name, why in values["refused"].items():
-        print_message(f"refused: {name}: {why}")
+    for word, key in (("note", "notes"), ("refused", "refused")):
+        for name, why in values[key].items():
+            print_message(f"{word}: {name}: {why}")
     for why in values["left_out"]:
         print_message(f"left out: {why}")
     print_message(f'preset: {output}; use it as radar.preset = "{output}" in a scene, or in a plan')

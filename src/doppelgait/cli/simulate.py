@@ -90,26 +90,16 @@ def simulate(
     changes: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
     motion: Annotated[str | None, typer.Option("--motion", help="Motion file, or model: human, quadruped, ...")] = None,
     label: Annotated[str | None, typer.Option("--label", help="Class of the first target.")] = None,
-    radar: Annotated[
-        str | None,
-        typer.Option("--radar", help="Radar preset or .toml file that replaces the scene's radar; x4 by default."),
-    ] = None,
+    radar: Annotated[str | None, typer.Option(help="Preset or .toml file; x4 by default.")] = None,
     speed: Annotated[float | None, typer.Option("--speed", help="Speed of a model, m/s.")] = None,
     height: Annotated[float | None, typer.Option("--height", help="Stature or withers height, m.")] = None,
     aspect: Annotated[float | None, typer.Option("--aspect", help="Aspect angle, degrees; 0 approaching.")] = None,
     range_m: Annotated[float | None, typer.Option("--range", help="Ground range at mid-observation, m.")] = None,
     duration: Annotated[float | None, typer.Option("--duration", help="Observation time, s.")] = None,
     snr_db: Annotated[float | None, typer.Option("--snr-db", help="SNR_frame, dB; inf for no noise.")] = None,
-    data_type: Annotated[
-        str | None,
-        typer.Option("--data-type", help="XeThru record: baseband_iq (default), datafloat, radar_rf_normalized, ..."),
-    ] = None,
-    start_time: Annotated[
-        str | None, typer.Option("--start-time", help=f"Start of a XeThru recording; {START_TIME} by default.")
-    ] = None,
-    session_id: Annotated[
-        str | None, typer.Option("--session-id", help="Session of a XeThru recording; doppelgait_SEED by default.")
-    ] = None,
+    data_type: Annotated[str | None, typer.Option(help="XeThru record, for example datafloat.")] = None,
+    start_time: Annotated[str | None, typer.Option(help="Time of a XeThru recording's start.")] = None,
+    session_id: Annotated[str | None, typer.Option(help="Session of a XeThru recording.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Simulate the radar recording of a scene.
