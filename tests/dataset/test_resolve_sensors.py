@@ -70,13 +70,6 @@ def test_every_example_draws_its_sensor_from_the_file(sensor: Path) -> None:
     assert {run.impairments[0].levels[1][1] for run in runs} == {-90.0}
 
 
-def test_an_example_is_the_same_alone_and_after_others(sensor: Path) -> None:
-    first, second = (plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent) for _ in range(2))
-    whole = [format_canonical_json(first.example(n)) for n in range(8)]
-    assert format_canonical_json(second.example(7)) == whole[7]
-    assert len(set(whole)) == 8
-
-
 def test_a_key_of_the_plan_replaces_a_draw_and_shifts_no_other(sensor: Path) -> None:
     sampled = plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent).example(3).run
     fixed = plan_dataset(plan_of("my-sensor.toml", noise_figure_db=5.0), folder=sensor.parent).example(3).run

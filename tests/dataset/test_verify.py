@@ -142,13 +142,6 @@ def test_a_picture_ignores_level_and_tells_shapes_apart():
     assert integrity.make_picture(np.zeros((3, 5))) @ one == 0
 
 
-def test_averages_are_those_of_the_parts():
-    values = np.arange(20.0).reshape(10, 2)
-    expected = [part.mean(axis=0) for part in np.array_split(values, 5)]
-    assert np.allclose(integrity._average(values, 5), expected)
-    assert np.allclose(integrity._average(values[:2], 4)[:, 0], [0, 0, 2, 2])
-
-
 def test_the_search_finds_the_nearest_of_a_brute_force(monkeypatch):
     monkeypatch.setattr(integrity, "CANDIDATE", -1.0)
     rng = np.random.default_rng(1)

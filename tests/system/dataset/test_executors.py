@@ -14,7 +14,7 @@ import pytest
 
 import processes
 from checkout import SUPPORT
-from dataset_plans import build_part, check_whole, tiny_plan, whole_hash
+from dataset_plans import build_part, check_whole, dataset_hash, tiny_plan, whole_dataset
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.worker import WORKER_ENVIRONMENT
 from doppelgait.dataset.build import build_dataset, read_dataset_status
@@ -163,11 +163,13 @@ def test_a_dask_scheduler_that_is_not_there_is_one_error(monkeypatch):
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
     """Hash of the dataset as one process builds it."""
-    return whole_hash(tmp_path_factory)
+    return dataset_hash(whole_dataset(tmp_path_factory))
 
 
-@pytest.mark.release
-@pytest.mark.parametrize(("executor", "workers"), [("processes", 4), ("dask", 2)])  # two processes: test_build.py
+@pytest.mark.parametrize(
+    ("executor", "workers"),
+    [("processes", 2), *(pytest.param(*one, marks=pytest.mark.release) for one in (("processes", 4), ("dask", 2)))],
+)
 def test_every_executor_makes_the_same_dataset(tmp_path, reference, executor, workers):
     if executor == "dask":
         pytest.importorskip("distributed")

@@ -16,7 +16,7 @@ import doppelgait.dataset.lock as lock
 import doppelgait.dataset.shard as shard
 import processes
 from checkout import SUPPORT
-from dataset_plans import check_whole, dataset_hash, mini_plan, tiny_plan, whole_hash
+from dataset_plans import check_whole, dataset_hash, mini_plan, tiny_plan, whole_dataset
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.build import build_dataset, read_dataset_status
 from doppelgait.dataset.config import SPLITS
@@ -35,7 +35,7 @@ def mini_hash(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def tiny_hash(tmp_path_factory):
-    return whole_hash(tmp_path_factory)
+    return dataset_hash(whole_dataset(tmp_path_factory))
 
 
 def leftovers(folder):
