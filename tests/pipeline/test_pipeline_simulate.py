@@ -371,20 +371,6 @@ def test_an_observation_of_less_than_a_stride_takes_the_touchdowns_around_it():
     assert min(early) <= truth.stride_frequency_hz <= max(early)
 
 
-def test_a_motion_without_footfalls_keeps_what_is_known(walk):
-    bare = walk.with_facts(footfalls={}, stride_frequency_hz=NAN, step_frequency_hz=NAN, gait_frequency_hz=NAN)
-    truth = simulate(Scene([Target(bare)]), Radar.preset("x4")).truth[0]
-    assert np.isnan([truth.stride_frequency_hz, truth.step_frequency_hz, truth.gait_frequency_hz]).all()
-
-
-def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
-    with open_atomically(tmp_path / "a.txt") as partial:
-        partial.write_text("new")
-        assert not (tmp_path / "a.txt").exists()
-    assert os.listdir(tmp_path) == ["a.txt"]
-    assert (tmp_path / "a.txt").read_text() == "new"
-
-
 def write_half(target, fails):
     with open_atomically(target) as partial:
         partial.write_text("half")

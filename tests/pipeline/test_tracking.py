@@ -125,13 +125,6 @@ def test_the_overlap_of_a_tracked_target_is_that_of_its_longest_segment():
         assert flag_overlaps([replace(late, quality={**late.quality, SHARED: share}), other])[0].flags == flags
 
 
-def test_an_empty_room_holds_nobody():
-    empty = Scene([], duration_s=12.0)
-    for seed in range(2):
-        made = simulate(empty, RADAR, rng=rng(seed), conditions=ROOM)
-        assert analyze(made) == []
-
-
 def test_an_empty_list_names_the_strongest_cell_and_the_level_that_it_needs():
     """The level is that of exponential noise, its place and speed those of a walker below it."""
     walker = Target(WALK, range_m=4.5)

@@ -115,11 +115,6 @@ def test_what_is_no_reflection(ghost, body, rhythms):
     assert judge_reflection(ghost, body, 0, rhythms) is None
 
 
-def test_rhythm_correlation_is_one_in_step_and_low_in_another_rhythm():
-    assert verdicts.correlate_rhythms(seen(IMAGE_M), seen(DIRECT_M)) > 0.95
-    assert verdicts.correlate_rhythms(seen(DIRECT_M), seen(DIRECT_M, rhythm_hz=2.4)) < 0.3
-
-
 FOLDING_M = X4.waveform.unambiguous_range_m(X4)
 
 

@@ -12,7 +12,6 @@ from doppelgait.motion import breathing_person
 from doppelgait.pipeline import simulate
 from doppelgait.processing.breathing import (
     BreathingSettings,
-    compute_breath_spectrum,
     compute_displacement,
     explain_no_breathing,
     find_breathing,
@@ -103,19 +102,6 @@ def test_an_echo_by_a_second_way_is_no_second_person():
     assert person.range_m == pytest.approx(1.2, abs=0.03)
 
 
-def test_a_person_who_first_moves_is_found_once_still():
-    """Half a minute of irregular motion by centimetres, then a minute of breath."""
-    times = np.arange(round(90 * RATE_HZ)) / RATE_HZ
-    source = np.random.default_rng(5)
-    still = echo(times, range_m=1.75, amplitude_v=30, rate_hz=0.25, swing_m=0.004)
-    wander = np.cumsum(source.normal(0, 0.004, times.size))[:, None]
-    moved = np.where(times[:, None] < 30, still * np.exp(-4j * np.pi * wander / WAVE_M), still)
-    (person,) = find(moved + noise(source, times.size))
-    assert person.rate_hz == pytest.approx(0.25, rel=0.02)
-    assert 14 <= person.start_s <= 31
-    assert person.stop_s == pytest.approx(times[-1], abs=0.2)
-
-
 @pytest.mark.parametrize("begins_s", [0.0, 11.0, 28.0])
 def test_a_person_who_keeps_still_for_a_third_of_the_time_is_found_then(begins_s):
     """Long windows hold more of the motion by centimetres than of the breath; the interval is that of the breath."""
@@ -173,15 +159,6 @@ def test_rate_of_the_simulated_chest(snr_db, tolerance):
         assert person.range_m == pytest.approx(2.0, abs=0.1)
 
 
-def test_fast_recordings_are_averaged_down():
-    times = np.arange(20_000) / 1000.0
-    body = echo(times, range_m=1.0, amplitude_v=3, rate_hz=0.3, swing_m=0.004)[:, :20]
-    found = find_breathing(
-        Frames.of(labelled(body + noise(np.random.default_rng(9), 20_000, 20), 1000.0)), wavelength_m=WAVE_M
-    )
-    assert [person.rate_hz for person in found] == [pytest.approx(0.3, rel=0.01)]
-
-
 def test_what_cannot_be_looked_at_is_refused():
     with pytest.raises(AnalysisError, match=r"10 s or more at 3 Hz or more; this recording has 5 s at 17 Hz"):
         find(noise(np.random.default_rng(0), 85))
@@ -227,13 +204,6 @@ def test_the_common_gain_leaves_a_body_alone_and_takes_the_clock_out():
     static = np.abs(still.mean(axis=0))
     reference = (static[RANGE_M - RANGE_M[2] > 0.75] ** 2).sum()  # noise of power 1 in each of the bins elsewhere
     assert np.std(fixed[:, 2]) == pytest.approx(np.sqrt(1 + static[2] ** 2 / reference), rel=0.1)
-
-
-def test_windows_overlap_by_half_and_cover_the_recording():
-    spectrum = compute_breath_spectrum(noise(np.random.default_rng(4), 1200, 2), 10.0, BreathingSettings())
-    assert spectrum.starts.tolist() == [0, 150, 300, 450, 600, 750, 900]
-    assert spectrum.window_s == 30
-    assert compute_breath_spectrum(noise(np.random.default_rng(4), 400, 2), 10.0, BreathingSettings()).window_s == 40
 
 
 SITS = "rf_breathing_20220303_131324.mat"

@@ -28,11 +28,6 @@ def tone(doppler_hz, clutter=3.0 - 1.0j):
     return make_array(BASEBAND, values.astype(np.complex64), {"slow_time": TIME_S, "range": [1.0, 1.1]})
 
 
-def test_nothing_is_done_unless_asked_for():
-    baseband = tone(5.0)
-    assert remove_clutter(baseband, Analysis()) is baseband
-
-
 def test_exponential_is_the_high_pass_of_its_time_constant():
     doppler_hz = np.array([1 / (2 * np.pi * 2.0), 0.02, 0.3, 5.0])
     alpha = 1 - np.exp(-1 / (PRF_HZ * 2.0))

@@ -439,12 +439,6 @@ def test_clusters_are_the_connected_components(seed: int) -> None:
     assert association.find_clusters(gate) == sorted(expected)
 
 
-def test_no_detections() -> None:
-    found = association.associate(np.zeros((2, 0)), **CHANCES, clutter_density=0.01)
-    assert found.assigned.tolist() == [-1, -1]
-    assert found.weights.tolist() == [[1.0], [1.0]]
-
-
 Q, DT, RANGE_SD, VELOCITY_SD = 0.75, 0.1, 0.08, 0.2
 ERRORS = {"range_sd_m": RANGE_SD, "velocity_sd_mps": VELOCITY_SD}
 START = Gaussian(5.0, 1.2, 0.04, -0.01, 0.09)
@@ -498,14 +492,6 @@ def test_steps_equal_the_matrix_form() -> None:
     updated = kalman.update(predicted, seen)
     np.testing.assert_allclose(updated[:2], mean + gain @ (z - mean))
     np.testing.assert_allclose(kalman.make_covariance(updated), joseph)
-
-
-def test_folded_velocity_is_taken_at_its_nearest() -> None:
-    seen = kalman.compute_innovation(
-        START._replace(velocity_mps=5.0), range_m=5, velocity_mps=-1.1, range_sd_m=1, velocity_sd_mps=1,
-        velocity_span_mps=6.0,
-    )  # fmt: skip
-    assert seen.velocity_mps == pytest.approx(-0.1)
 
 
 def test_mixture_has_the_moments_of_its_samples() -> None:
