@@ -11,9 +11,8 @@ from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import Conditions, analyze, simulate
-from doppelgait.pipeline.rangeless import Motion, find_motion, has_both_directions, observe_motion, transform_motion
+from doppelgait.pipeline.rangeless import Motion, find_motion, has_both_directions, observe_motion
 from doppelgait.processing import Analysis
-from doppelgait.processing.bursts import average_bursts
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.track import Tracker
 from doppelgait.radar import Radar, Recording, concat
@@ -241,15 +240,6 @@ def test_both_ways_is_more_than_limbs_noise_or_an_image():
     assert not both((0.2, 5000.0), (1.2, 1000.0), (-0.9, 400.0))  # the limbs of who passes
     assert not both((1.2, 1000.0), (-1.2, 130.0))  # an uneven receiver
     assert not both((1.2, 1000.0), (-0.9, 400.0), scans=2)
-
-
-def test_power_of_bursts_and_of_the_whole_agree():
-    whole = observed(walker())
-    one = transform_motion(whole.frames, Detector(), wavelength_m=RADAR.wavelength_m)
-    other = transform_motion(in_bursts(whole).frames, Detector(), wavelength_m=RADAR.wavelength_m)
-    assert np.median(one.peaks_mps()) == pytest.approx(np.median(other.peaks_mps()), abs=0.1)
-    means = average_bursts(in_bursts(whole).frames)
-    assert means.matrix[3, 0] == pytest.approx(whole.baseband.values[600:700, 0].mean(), rel=1e-5)
 
 
 @pytest.mark.parametrize(("speed_mps", "gap_s", "bodies"), [(1.0, 1.0, 1), (1.0, 3600.0, 2), (1.6, 1.0, 2)])

@@ -297,14 +297,3 @@ def test_every_pulse_counts_where_something_jumps_or_pulses_are_rare(monkeypatch
     place = {"range_m": 4.0, "bearing_deg": 3, "aspect_deg": 20}
     _, every_pulse = seen(monkeypatch, bodies["walker"], effects, every_pulse=False, **place, **options)
     assert every_pulse
-
-
-@pytest.mark.parametrize("angles", [False, True])
-def test_samples_do_not_depend_on_the_angles_in_the_truth(bodies, angles):
-    scene = dg.Scene([dg.Target(bodies["walker"], label="human")], duration_s=1.2)
-    conditions = Conditions(environment=[make_effect(FLOOR)], noise={"kind": "none"})
-    radar = dg.Radar.preset("x4", prf_hz=1000.0, antenna=NARROW)
-    found = dg.simulate(scene, radar, conditions=conditions, angles=angles)
-    assert found.baseband.values.tobytes() == dg.simulate(scene, radar, conditions=conditions).baseband.values.tobytes()
-    if angles:
-        assert np.isfinite(found.truth[0].scatterers["azimuth"].values).all()

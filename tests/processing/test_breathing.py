@@ -207,8 +207,6 @@ def test_the_common_gain_leaves_a_body_alone_and_takes_the_clock_out():
 
 
 SITS = "rf_breathing_20220303_131324.mat"
-EMPTY = "rf_empty_room_two_radars_20220222_143239.mat"
-MOVES = "xethru_recording_20170913_150437_baseband_recording/xethru_baseband_iq_20170913_150437.dat"
 
 
 @pytest.fixture(scope="module")
@@ -244,21 +242,3 @@ def test_the_person_who_sits_is_the_only_one(radar_folder):
         assert person.range_m == pytest.approx(1.73, abs=0.05)
         counted = np.mean(rates[(at_s > start_s) & (at_s < start_s + 20)])
         assert person.rate_hz == pytest.approx(counted, abs=0.01)
-
-
-@pytest.mark.shared
-@pytest.mark.parametrize("matrix", ["Data_Matrix_1", "Data_Matrix_2"])
-def test_nobody_is_in_the_empty_room(radar_folder, matrix):
-    assert found_in(read_recording(radar_folder / "x4_rf_giraffe_yin" / EMPTY, matrix=matrix)) == []
-
-
-@pytest.mark.shared
-def test_who_breathes_for_twelve_seconds_and_then_moves_is_found_at_first(radar_folder):
-    """Peaks of the phase near 0.55 m, counted by eye: 0.32 Hz until 12 s, then irregular motion by centimetres."""
-    (person,) = found_in(read_recording(radar_folder / "x4_baseband_iq_novelda" / MOVES))
-    assert person.range_m == pytest.approx(0.55, abs=0.06)
-    assert person.rate_hz == pytest.approx(0.32, abs=0.02)
-    assert person.start_s == 0.0
-    assert person.stop_s == pytest.approx(12.0, abs=1.5)
-    later = read_recording(radar_folder / "x4_baseband_iq_novelda" / MOVES)
-    assert found_in(later, between_s=(13, 30)) == []

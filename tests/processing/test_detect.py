@@ -194,11 +194,6 @@ def test_merging_stays_within_a_scan():
     assert len(set(group)) == 3
 
 
-def test_noise_alone_is_a_body_a_few_times_a_minute_at_most():
-    count = sum(len(scan.detections) for seed in range(6) for scan in scans_of(noise(5001, seed)))
-    assert count <= 12  # 30 s; 64 % of the cells of an X4, which has about 7 a minute
-
-
 def test_noise_that_bins_share_is_a_body_as_seldom():
     radar = Radar.preset("x4")
     generator, count = np.random.default_rng(0), 0

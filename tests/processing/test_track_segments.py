@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.features import estimate_ground_motion
 from doppelgait.processing import track_segments
 from doppelgait.processing.track_segments import SegmentationSettings, find_best_knots, find_track_segments
 
@@ -205,18 +204,6 @@ def test_no_other_partition_costs_less(seed):
     found, cost = find_best_knots(times, track, range_sd_m=0.05, min_segment_s=0.3, **COSTS)
     assert tuple(found) == min(costs, key=costs.get)
     assert cost == pytest.approx(min(costs.values()), rel=1e-4)
-
-
-@pytest.mark.parametrize("aspect_deg", [10, 50, 60, 120, 85])
-def test_motion_over_ground_of_a_segment(aspect_deg):
-    """The segment is straight motion; the track before it is not."""
-    times = np.arange(0, 8, 0.1)
-    t = np.maximum(times, 3.0) - 5.45  # middle of 3.0 to 7.9 s
-    angle = np.radians(aspect_deg)
-    track = np.hypot(6 - 1.3 * np.cos(angle) * t, 1.3 * np.sin(angle) * t)
-    found = estimate_ground_motion(times[30:80], track[30:80])
-    assert found.ground_speed_mps == pytest.approx(1.3, rel=0.03)
-    assert found.aspect_deg == pytest.approx(aspect_deg, abs=3)
 
 
 def test_hopeless_starts_are_given_up_and_the_change_points_stay(monkeypatch):

@@ -97,26 +97,6 @@ def test_parquet_keeps_types_where_a_split_has_no_values(dataset, tmp_path):
     assert pa.types.is_large_string(types[0]) or pa.types.is_string(types[0])
 
 
-def test_huggingface_by_its_own_package(dataset, mixed, tmp_path):
-    """Equal shapes are arrays, others lists."""
-    datasets = pytest.importorskip("datasets", reason="needs the package datasets")
-    for source, name in ((without_track(dataset, 0), "Array2D"), (mixed, "List")):
-        export_dataset(source, tmp_path / name, form="huggingface")
-        found = datasets.load_dataset(str(tmp_path / name), cache_dir=str(tmp_path / "cache"))
-        assert set(found) == set(source.index["split"])
-        for rows in found.values():
-            assert type(rows.features["signature"]).__name__ == name
-            for row in rows.with_format("numpy"):
-                example = source[str(row["id"])]
-                assert rows.features["label"].names[row["label"]] == example.label
-                assert row["truth_range_m"] == example.row["truth_range_m"]
-                assert np.array_equal(row["baseband"].view(np.complex64)[..., 0], example.baseband.values)
-                if "signature" in example.arrays:
-                    assert np.array_equal(row["signature"], example.signature.values)
-                else:
-                    assert np.isnan(row["signature"]).all()
-
-
 def test_pictures_of_signatures_are_a_field(mixed, tmp_path):
     """They have one shape where the signatures have two."""
     values = mixed.arrays("signature", as_="picture").values

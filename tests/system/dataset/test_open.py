@@ -21,7 +21,7 @@ from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, SIGNATURE, check_signal
 from doppelgait.dataset import Example, open_dataset, plan_dataset, shard_files
-from doppelgait.dataset.example import label_arrays, parse_unit, read_carrier_hz, read_radar
+from doppelgait.dataset.example import parse_unit, read_carrier_hz, read_radar
 from doppelgait.dataset.rows import POOL_SHARDS, shuffled_rows
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.features.extended import list_features
@@ -102,15 +102,6 @@ def test_radar_that_no_plan_tells(description):
         read_radar(description, row)
     assert np.isnan(read_carrier_hz(description, row))
     assert read_carrier_hz(description, row | {"carrier_hz": 24e9}) == 24e9
-
-
-def test_missing_arrays_are_left_out_and_named():
-    fields = {
-        "signature": {"dims": ["time", "doppler"], "units": "V^2", "scale": "linear"},
-        "baseband": {"dims": ["slow_time", "range"], "units": "V", "scale": "linear"},
-    }
-    nothing = {"signature": np.empty((0, 0), np.float32)}  # a target that no track follows
-    assert label_arrays(fields, {"prf_hz": 1000.0}, nothing.get, carrier_hz=7.29e9) == {}
 
 
 def test_field_that_is_not_kept(dataset, mixed):
@@ -390,17 +381,6 @@ def test_result_and_truth_of_an_example_are_those_of_its_row(dataset):
     }
     assert set(row) <= set(example.row)
     assert example.truth["range_m"] == example.row["truth_range_m"]
-
-
-def test_batches_of_pictures_have_one_shape_whatever_the_pulse_rate(mixed):
-    assert len({mixed.array("signature", number).shape for number in range(len(mixed))}) > 1
-    (batch,) = mixed.batches(as_="picture", shuffle=False)
-    assert batch["signature"].shape == (8, 64, 64)
-    assert batch["signature"].dtype == np.float32
-    for number, picture in enumerate(batch["signature"]):
-        assert np.array_equal(picture, dg.classify.patch(mixed.example(number).signature))
-    (batch,) = mixed.batches(as_=dg.classify.Patch(n_time=32), shuffle=False)
-    assert batch["signature"].shape == (8, 64, 32)
 
 
 def test_arrays_of_all_rows_are_those_of_each(dataset):
