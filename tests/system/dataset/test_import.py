@@ -122,18 +122,14 @@ MISTAKES = [
     ("file,label,label\nslow1.h5,a,b\n", r"column 'label' twice"),
     ("file,label,,subject\nslow1.h5,a,b,c\n", r"column 3 has no name"),
     ("file,label,subjct\nslow1.h5,a,b\n", r"line 1, column 'subjct'.*rename it subject, or meta_subjct"),
-    ("file,label,start\nslow1.h5,a,3\n", r"column 'start'.*rename it start_s"),
     ("file,label,license\nslow1.h5,a,MIT\n", r"column 'license'.*rename it licence"),
     ("file,label\nslow1.h5,a,b\n", r"line 2 has 3 cells, the first line names 2"),
-    ("file,label,subject\nslow1.h5,a\n", r"line 2 has 2 cells, the first line names 3"),
     ('file,label\n"slow1.h5,a\n', r"line 2 is not CSV"),
     ("file,label\nslow1.h5,\n", r"line 2, label: '' is not allowed"),
     ("file,label\nslow1.h5,a/b\n", r"line 2, label: 'a/b' is not allowed"),
     ("file,label\n,a\n", r"line 2, file: .*is empty"),
     ("file,label\nslow3.h5,a\n", r"line 2, file: 'slow3\.h5': is not in .*near in spelling: slow"),
-    ("file,label\nday 3/*.h5,a\n", r"line 2, file: 'day 3/\*\.h5': is not in"),
     ("file,label\n../x.h5,a\n", r"line 2, file: '\.\./x\.h5' is not allowed: it must be a path inside"),
-    ("file,label\n/etc/passwd,a\n", r"line 2, file: '/etc/passwd' is not allowed"),
     ("file,label\n" + "x" * 5000 + ",a\n", r"line 2, file: .*is not in"),
     ("file,label\na**/x,a\n", r"line 2, file: 'a\*\*/x'"),
     ("file,label\nslow1\0.h5,a\n", r"line 2, file: .*is not in"),
@@ -166,9 +162,9 @@ def test_every_mistake_is_named(recordings, text, says):
 def test_all_mistakes_of_a_table_come_together(recordings):
     with pytest.raises(ConfigError, match=r"line 2, label: .*; line 3, stop_s: .*; line 4, file: .*and 15 more$"):
         entries_of(recordings, "file,label,stop_s\nslow1.h5,,\nslow1.h5,a,0\nno.h5,a,\n" + "no.h5,a,\n" * 20)
-    for count, more in ((900, 891), (5000, 992)):  # each refers to the first one: not every two are a message
-        with pytest.raises(ConfigError, match=rf"line 3, file: .* is already in line 2; .*and {more} more$"):
-            entries_of(recordings, "file,label\n" + "slow1.h5,human\n" * count)
+    # each refers to the first one: not every two are a message
+    with pytest.raises(ConfigError, match=r"line 3, file: .* is already in line 2; .*and 992 more$"):
+        entries_of(recordings, "file,label\n" + "slow1.h5,human\n" * 5000)
 
 
 def test_text_that_is_no_utf8_and_absent_files_are_named(recordings):
@@ -222,11 +218,9 @@ def test_a_pattern_names_many_and_a_pair_once(tmp_path):
         ),
         ({"fields": ["signature", "signature"]}, r"names a field twice"),
         ({"hop_s": 1}, r"set window_s, too"),
-        ({"window_s": 0}, r"window_s: 0 is not allowed"),
         ({"split": "val"}, r"split: 'val' is not allowed: must be one of train, validation, test"),
         ({"split": {"train": 0.5}}, r"shares must sum to 1"),
         ({"split": {"training": 1.0}}, r"must be one of"),
-        ({"analysis": {"cpi": 1}}, r"analysis\.cpi: unknown key"),
     ],
 )
 def test_wrong_settings_are_named(table, says):
@@ -236,12 +230,6 @@ def test_wrong_settings_are_named(table, says):
 
 def planned(place, text, config=GATE):
     return plan_entries(entries_of(place, text), config, "labels.csv")
-
-
-def test_everything_is_test_unless_told(recordings):
-    assert {one.split for one in planned(recordings, LABELS)} == {"test"}
-    assert {one.split for one in planned(recordings, LABELS, ImportConfig(split="train"))} == {"train"}
-    assert [one.id for one in planned(recordings, LABELS)] == IDS
 
 
 def test_the_column_counts_and_tears_nobody(recordings):
@@ -310,16 +298,12 @@ def test_windows_hold_the_pulses_of_their_time(begin_s):
         assert part.recording.baseband.slow_time.values[0] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("window_s", "step_s", "count"), [(2.5, 2.5, 4), (10.0, 1.0, 1), (0.1, 0.1, 100), (None, None, 1)]
-)
-def test_a_recording_is_cut_into_all_that_fit_without_truth(window_s, step_s, count):
+@pytest.mark.parametrize(("window_s", "count"), [(2.5, 4), (10.0, 1), (0.1, 100), (None, 1)])
+def test_a_recording_is_cut_into_all_that_fit_without_truth(window_s, count):
     recording = replace(counted(np.arange(1000) / 100.0), truth=["what a simulation knows"])
-    parts = [*cut(recording, window_s=window_s, step_s=step_s)]
-    assert len(parts) == count
-    assert {part.recording.truth for part in parts} == {()}
-    if count == 1:
-        assert (parts[0].start_s, parts[0].stop_s, pulses(parts[0]).size) == (0.0, pytest.approx(10.0), 1000)
+    parts = [*cut(recording, window_s=window_s, step_s=window_s)]
+    assert [part.recording.truth for part in parts] == [()] * count
+    assert (parts[0].start_s, parts[-1].stop_s) == (0.0, pytest.approx(10.0))
 
 
 def test_bursts_are_not_cut():
@@ -368,11 +352,7 @@ def test_rows_are_what_the_analysis_says_of_each_recording(imported):
         np.testing.assert_array_equal(
             example.baseband.values, read_recording(recordings / example.row["recording"]).baseband.values
         )
-    X, y, groups = dataset.features()
-    assert X.shape == (4, 6)
-    assert y.tolist() == ["slow", "slow", "fast", "fast"]
-    assert groups.tolist() == ["person/anna", "person/ben", "person/anna", "person/ben"]
-    assert dataset.class_numbers().tolist() == [0, 0, 1, 1]
+    assert dataset.features().groups.tolist() == ["person/anna", "person/ben", "person/anna", "person/ben"]
 
 
 def test_the_folder_is_like_that_of_a_built_dataset(imported):
@@ -557,19 +537,14 @@ def test_formats_and_options_of_the_reader_are_passed_on(recordings):
     assert "no option colour" in report.failures[0]["reason"]
 
 
-def result(**quality):
-    base = object.__new__(Result)
-    object.__setattr__(base, "quality", quality)
-    return base
-
-
 def test_the_label_goes_to_the_track_with_the_most_sure_seconds():
-    long = result(track_confidence=0.8, track_start_s=0.0, track_stop_s=5.0)
-    short = result(track_confidence=1.0, track_start_s=1.0, track_stop_s=4.0)
-    faint = result(track_confidence=0.1, track_start_s=0.0, track_stop_s=10.0)
-    still = result(breathing_confidence=0.99)
+    long, short, faint = (
+        Result(GATE.analysis, quality={"track_confidence": share, "track_start_s": start_s, "track_stop_s": stop_s})
+        for share, start_s, stop_s in ((0.8, 0.0, 5.0), (1.0, 1.0, 4.0), (0.1, 0.0, 10.0))
+    )
+    still, unsure = (Result(GATE.analysis, quality={"breathing_confidence": share}) for share in (0.99, 0.5))
     assert find_labelled_result([still, short, faint, long]) is long
-    assert find_labelled_result([still, result(breathing_confidence=0.5)]) is still
+    assert find_labelled_result([still, unsure]) is still
     assert find_labelled_result([still, faint]) is faint
     assert find_labelled_result([]) is None
 

@@ -8,7 +8,7 @@ import pytest
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.dataset.stream import stream_examples
-from tiny_dataset import tiny_plan
+from tiny_dataset import mixed_plan, tiny_plan
 
 torch = pytest.importorskip("torch")
 PLAN = tiny_plan(fields=["signature"])
