@@ -13,7 +13,7 @@ from checkout import ROOT
 from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.draws import replace_by_middle, resolve
-from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.dataset import plan as planning
 from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import DatasetSection, PlanConfig, list_differences, load_plan, plan_names, shorten
@@ -196,6 +196,21 @@ def test_an_snr_is_unused_with_thermal_noise_and_warned_of():
     warn_of_unused_snr({"kind": "snr", "snr_db": 3.0})
     warn_of_unused_snr({"kind": {"choice": ["snr", "thermal"]}, "snr_db": 3.0})
     warn_of_unused_snr({"kind": "thermal"})
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"target": {"key" + "y" * 100_000: 1}},
+        {"dataset": {"name": "x" * 100_000, "examples_per_class": 4}},
+        {"target": {f"key{number}": 1 for number in range(5000)}},
+    ],
+    ids=range(3),
+)
+def test_messages_are_short_however_long_the_names_are(changes):
+    with pytest.raises(DoppelgaitError) as refused:
+        examples_of(plan(**changes))
+    assert len(str(refused.value)) <= 2000
 
 
 @pytest.mark.parametrize("wrap", [lambda value: value, lambda value: {"choice": [value]}], ids=["plain", "drawn"])
@@ -479,6 +494,7 @@ def test_what_is_no_motion_is_drawn_from_one_law_for_every_class():
         ({"name": "baseband", "hop": 2}, "would alias"),
         ({"name": "cadence_map", "hop": 2}, "no columns in time"),
         ("range", "name"),
+        *((field, "fields") for field in (3, None, [], {"name": []}, {"name": {}})),
     ],
 )
 def test_wrong_fields_are_refused(field, says):
