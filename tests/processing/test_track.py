@@ -417,11 +417,8 @@ def test_auto_is_hard_alone_and_soft_where_gates_overlap() -> None:
     assert 0 < both.weights[1, 0] < both.weights[0, 0] < 1
     hard = association.associate(np.log(np.array([[0.5], [0.4]])), **kwargs, association="gnn")
     assert hard.weights.tolist() == [[1.0, 0.0], [0.0, 1.0]]
-
-
-def test_weak_detection_loses_against_none() -> None:
-    found = association.associate(np.log(np.array([[1e-6]])), **CHANCES, clutter_density=0.5)
-    assert found.assigned.tolist() == [-1]
+    weak = association.associate(np.log(np.array([[1e-6]])), **CHANCES, clutter_density=0.5)
+    assert weak.assigned.tolist() == [-1]
 
 
 @pytest.mark.parametrize("seed", range(20))
