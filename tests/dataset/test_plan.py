@@ -1,13 +1,11 @@
 """The plan: distributions, splits, identity, shards; nothing is simulated."""
 
 import warnings
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import ks_2samp
 
 from checkout import ROOT
 from doppelgait.core import plugins
@@ -18,7 +16,7 @@ from doppelgait.dataset import plan as planning
 from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import DatasetSection, PlanConfig, list_differences, load_plan, plan_names, shorten
 from doppelgait.dataset.finish import compute_dataset_id, plan_header, plan_plugins
-from doppelgait.dataset.resolve import find_class, resolve_example, warn_of_equal_bodies, warn_of_unused_snr
+from doppelgait.dataset.resolve import warn_of_equal_bodies, warn_of_unused_snr
 from doppelgait.dataset.verify import leakage
 
 
@@ -50,15 +48,6 @@ def test_times_changes_no_draw_by_more_than_its_factor(turned):
     assert list(together) == list(table)
     assert together["height_m"] == alone["height_m"]
     assert together["speed_mps"] == alone["speed_mps"] * alone["height_m"]
-
-
-def test_times_takes_plain_numbers_choices_cycles_and_products():
-    choice = {"choice": [{"uniform": [1, 1]}, {"uniform": [2, 2], "times": "b"}]}
-    table = {"a": {"cycle": [1, 2], "times": "b"}, "b": 10, "c": {"normal": [1, 0], "times": "a"}, "d": choice}
-    found = [draw(table, n) for n in range(30)]
-    assert found[3]["a"] == 20.0
-    assert found[3]["c"] == 20.0
-    assert {d["d"] for d in found} == {1.0, 20.0}
 
 
 @pytest.mark.parametrize(
@@ -143,15 +132,6 @@ def test_every_example_is_resolved_and_its_subject_is_in_one_split():
     for label in ("human", "dog"):
         splits = [e.split for e in examples if e.label == label]
         assert [splits.count(s) for s in ("train", "validation", "test")] == [14, 3, 3]
-
-
-def test_shards_hold_each_example_once_and_one_split_each():
-    laid_out = planning.plan_dataset(plan())
-    shards = list(laid_out.shards())
-    assert sorted(e for s in shards for e in s.examples) == sorted(laid_out.examples)
-    assert all({e.split for e in s.examples} == {s.split} for s in shards)
-    assert all(len(s.examples) <= 7 for s in shards)
-    assert all(len({e.class_number for e in s.examples}) == 2 for s in shards)
 
 
 def test_identity_follows_the_configuration_and_the_motion_files_only(tmp_path):
@@ -450,42 +430,6 @@ def test_nobody_is_a_class_with_a_gate_and_without_an_echo_or_a_companion():
         plan(classes=[{"label": "empty", "motion": "none"}], noise={"kind": "snr"})
 
 
-def test_a_cycle_takes_its_values_in_turn_alike_in_every_class_of_any_number():
-    motion = {"kind": "boulic", "speed_mps": {"cycle": [0.8, 1.0, 1.2]}}
-    fan = {"motion": {"kind": "fan"}, "range_m": 7.0}
-    classes = [{"label": "a", "motion": motion, "examples": 30}, {"label": "b", "motion": motion}]
-    examples = examples_of(plan(classes=classes, background=[{"cycle": [{}, fan]}], target={"range_m": 5.0}))
-    assert [e.label for e in examples] == ["a"] * 30 + ["b"] * 20
-    found = [(e.run.scene.targets[0].motion["speed_mps"], len(e.run.scene.targets)) for e in examples]
-    assert found[:20] == found[30:]
-    assert found[:6] == [(0.8, 1), (1.0, 2), (1.2, 1), (0.8, 2), (1.0, 1), (1.2, 2)]
-    with pytest.raises(ConfigError, match="needs at least one value"):
-        draw({"cycle": []})
-
-
-def test_numbers_beyond_the_plan_go_on_without_end_and_repeat_no_draw():
-    config = plan()
-    beyond = [resolve_example(config, n, Path()) for n in range(40, 60)]
-    assert [e.label for e in beyond[:4]] == ["human", "dog", "human", "dog"]
-    assert len({e.id for e in [*examples_of(config), *beyond]}) == 60
-    assert find_class(config, 41) == (1, 20)
-
-
-def test_what_is_no_motion_is_drawn_from_one_law_for_every_class():
-    config, folder = load_plan("home-alarm", overrides=["dataset.examples_per_class=300"])
-    assert all(set(one.model_dump(exclude_defaults=True)) <= {"label", "motion", "examples"} for one in config.classes)
-    laid_out = planning.plan_dataset(config, folder=folder)
-    values = [planning.collect_nuisance(laid_out.example(n)) for n in range(600)]
-    assert not [key for key in values[0] if "motion" in key or "label" in key]
-    varied = [key for key in values[0] if len({v[key] for v in values}) > 1]
-    assert set(varied) == {
-        "gate_error_m", "target.rcs.total_m2", "target.range_m", "target.bearing_deg", "target.aspect_deg",
-        "scene.radar_position_m.2", "noise.snr_db",
-    }  # fmt: skip
-    for key in varied:
-        assert ks_2samp([v[key] for v in values[:300]], [v[key] for v in values[300:]]).pvalue > 1e-3, key
-
-
 @pytest.mark.parametrize(
     ("field", "says"),
     [
@@ -567,14 +511,6 @@ def test_equal_bodies_of_a_class_are_a_warning_that_names_it():
     warn_of_equal_bodies(examples_of(plan(classes=[sampled, {"label": "empty", "motion": "none"}], noise={})))
     for target in ({"height_m": {"uniform": [1.0, 1.4]}}, {"vary": {"pace": {"uniform": [0.9, 1.1]}}}):
         warn_of_equal_bodies(examples_of(plan(classes=[alike], target=target)))
-
-
-def test_a_value_of_plan_and_index_is_judged_once_under_the_key_of_the_plan():
-    table = pd.DataFrame({
-        "label": ["a", "b", "a"], "group": ["x", "y", "z"], "target.range_m": [1.0, 2.0, 3.0],
-        "index.range_m": [1.0 + 1e-9, 2.0, 3.0], "seed": [4, 4, 4], "level": [1.0, 2.0, np.nan],
-    })  # fmt: skip
-    assert list(leakage.select_varying(table)) == ["label", "group", "target.range_m", "level"]
 
 
 def test_copies_of_a_file_are_one_subject_or_refused(tmp_path):

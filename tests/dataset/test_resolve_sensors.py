@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from doppelgait.core.config import format_canonical_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset import PlanConfig, build_dataset, plan_dataset
 from doppelgait.dataset.finish import compute_dataset_id
@@ -45,14 +44,6 @@ def sensor(tmp_path: Path) -> Path:
     path = tmp_path / "my-sensor.toml"
     path.write_text(SENSOR, encoding="utf-8")
     return path
-
-
-def test_a_radar_that_draws_nothing_is_parsed_once() -> None:
-    same, drawn = (plan_dataset(plan_of("x4", prf_hz=prf_hz)) for prf_hz in (500, {"choice": [500, 600]}))
-    assert same.example(0).run.radar is same.example(1).run.radar
-    assert {drawn.example(n).run.radar.prf_hz for n in range(20)} == {500, 600}
-    same.config.radar["prf_hz"] = 700  # a plan that is edited is never half old
-    assert same.example(2).run.radar.prf_hz == 700
 
 
 def test_every_example_draws_its_sensor_from_the_file(sensor: Path) -> None:
@@ -122,17 +113,6 @@ def test_errors_name_the_file_and_the_key(sensor: Path, old: str, new: str, said
             Radar.preset(sensor)
     with pytest.raises(ConfigError, match=r"radar.preset none.toml: .*none.toml: cannot be read"):
         plan_dataset(plan_of("none.toml"), folder=sensor.parent).example(0)
-
-
-def test_a_dataset_stores_the_values_of_its_radar_file(sensor: Path) -> None:
-    laid_out = plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent)
-    before = [format_canonical_json(laid_out.example(n)) for n in range(4)]
-    stored = json.loads(laid_out.config.model_dump_json())
-    assert stored["radar"]["preset"]["file"] == "my-sensor.toml"
-    assert stored["radar"]["preset"]["values"]["carrier_hz"] == 7.29e9
-    sensor.unlink()
-    again = plan_dataset(PlanConfig.model_validate(stored), folder=sensor.parent / "elsewhere")
-    assert [format_canonical_json(again.example(n)) for n in range(4)] == before
 
 
 def test_values_in_place_of_the_file_change_no_identity(sensor: Path) -> None:

@@ -129,19 +129,6 @@ def test_model_walkers_with_the_same_parameters_in_two_splits_are_a_warning():
     assert found.numbers["same_walkers"] == 2
 
 
-def test_a_picture_ignores_level_and_tells_shapes_apart():
-    rng = np.random.default_rng(0)
-    power = rng.exponential(size=(200, 130))
-    power[:, 60:64] += 500 * (1 + np.sin(np.arange(200) / 9))[:, None]
-    one = integrity.make_picture(power)
-    assert one @ one == pytest.approx(1, abs=1e-5)
-    assert one @ integrity.make_picture(7.0 * power) == pytest.approx(1, abs=1e-5)
-    other = power.copy()
-    other[:, 60:64] = rng.exponential(size=(200, 4))
-    assert one @ integrity.make_picture(other) < 0.5
-    assert integrity.make_picture(np.zeros((3, 5))) @ one == 0
-
-
 def test_the_search_finds_the_nearest_of_a_brute_force(monkeypatch):
     monkeypatch.setattr(integrity, "CANDIDATE", -1.0)
     rng = np.random.default_rng(1)
@@ -191,14 +178,6 @@ def test_a_telling_parameter_is_found_and_named():
     assert found.telling[0][1] > 0.85 > 0.7 > found.telling[1][1]
 
 
-def test_a_value_that_only_one_class_has_is_found():
-    table = parameters(120).drop(columns="a")
-    table["wall"] = np.where(table["label"] == "dog", None, "brick")
-    found = leakage.guess_classes(table, np.random.default_rng(0))
-    assert found.leaks
-    assert found.telling[0][0] == "wall"
-
-
 def test_rows_of_one_group_are_one_observation(monkeypatch):
     """Each group has values of its own: rows of a group in two folds would give its class away."""
     monkeypatch.setattr(leakage, "MAX_PERMUTATIONS", leakage.PERMUTATIONS)  # the accuracy is looked at
@@ -242,15 +221,6 @@ def test_balanced_accuracy_is_that_of_scikit_learn():
     guesses[:, 3] = rng.integers(0, 2, 50)
     expected = [balanced_accuracy_score(labels[:, n], guesses[:, n]) for n in range(4)]
     assert leakage.balanced_accuracy(labels, guesses, 3) == pytest.approx(expected)
-
-
-def test_many_columns_of_labels_are_scored_as_each_alone():
-    table = parameters(60, leak=1.0)
-    cells = leakage.make_cells([table[name] for name in "abc"])
-    rng = np.random.default_rng(0)
-    folds, labels = rng.integers(0, 5, 60), rng.integers(0, 2, (60, 7))
-    together = leakage.score_folds(cells, folds, labels)
-    assert together == pytest.approx([leakage.score_folds(cells, folds, labels[:, [n]])[0] for n in range(7)])
 
 
 def test_likelihoods_of_one_parameter_are_those_counted_by_hand():

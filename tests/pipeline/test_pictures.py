@@ -67,14 +67,6 @@ def test_levels_come_back_within_their_step(tmp_path, colormap):
     assert (facts["floor_db"], facts["ceiling_db"]) == (-45.0, 0.0)
 
 
-def test_whole_pulses_need_no_interpolation(tmp_path):
-    path = draw(tmp_path / "a.png", levels())
-    mu = read_picture(path, settings(prf_hz=1000.0))
-    assert (mu.attrs["hop"], mu.attrs["cpi_pulses"], mu.sizes["time"]) == (40, 100, 100)
-    expected = np.clip(levels(), -45, 0)
-    assert np.abs(10 * np.log10(mu.values) - expected).max() < 2.51 * 45 / 256
-
-
 def test_jpeg_crop_and_axes(tmp_path):
     level_db = levels()
     plain = read_picture(draw(tmp_path / "a.png", level_db), settings(prf_hz=1000.0))

@@ -11,10 +11,8 @@ from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import Conditions, analyze, simulate
-from doppelgait.pipeline.rangeless import Motion, find_motion, has_both_directions, observe_motion
+from doppelgait.pipeline.rangeless import Motion, has_both_directions, observe_motion
 from doppelgait.processing import Analysis
-from doppelgait.processing.detect import Detector
-from doppelgait.processing.track import Tracker
 from doppelgait.radar import Radar, Recording, concat
 from doppelgait.radar.readers.text import read_cw_text
 from doppelgait.scene import Scene, Target
@@ -110,15 +108,6 @@ def test_a_cheap_module_has_the_features_of_a_good_one(change, flags, gate):
     assert found.signature.attrs.get("receiver", "") == flags
     assert set(filter(None, flags.split(";"))) <= set(found.flags)
     assert not any(flag == "may_be_more_than_one_body" for flag in found.flags)
-
-
-@pytest.mark.parametrize("speed_mps", [0.3, np.linspace(0.8, 1.5, 8000)])
-def test_one_side_has_bandwidth_and_power_of_both(speed_mps):
-    """The second body's line drifts: its signature is aligned."""
-    both, one = (module(change, speed_mps=speed_mps) for change in (lambda y, turn: y, lambda y, turn: y.real))
-    (good,), (found,) = analyze(both, gate=(0.0, 10.0)), analyze(one, gate=(0.0, 10.0))
-    assert found.features.doppler_bandwidth_hz == pytest.approx(good.features.doppler_bandwidth_hz, rel=0.05)
-    assert float(found.signature.sum()) == pytest.approx(float(good.signature.sum()) / 2, rel=0.1)
 
 
 def test_one_output_can_be_stated():
@@ -219,14 +208,6 @@ def test_nobody_is_an_empty_list_with_a_reason():
     assert not found
     assert "no steady breathing" in found.reason
     assert "0.5 m/s" in found.reason
-
-
-def test_time_of_motion_is_that_of_the_line():
-    motion = lines()
-    motion.power_v2[10:30, 60] += 100.0  # 2 m/s
-    assert find_motion(motion, Detector(), Tracker()) == [pytest.approx((1.0, 2.9))]
-    motion.power_v2[34, 60] += 100.0  # one more cell in a while does not count: too few of the scans
-    assert find_motion(lines(), Detector(), Tracker()) == []
 
 
 def test_both_ways_is_more_than_limbs_noise_or_an_image():

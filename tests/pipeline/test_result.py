@@ -113,14 +113,6 @@ def test_segments_share_what_they_have_in_common_on_disk(written):
         assert longest["cadence_map"] == file["targets/0/cadence_map"]
 
 
-def test_the_settings_that_were_used_are_those_of_the_result(recording):
-    (tracked,) = pipeline.analyze(recording)
-    (asked,) = pipeline.analyze(recording, analysis=Analysis(clutter="mean"))
-    (truth,) = pipeline.analyze(recording, gate="truth")
-    assert [one.analysis.clutter for one in (tracked, asked, truth)] == ["median", "mean", "none"]
-    assert all(segment.analysis == tracked.analysis for segment in tracked.segments)
-
-
 @pytest.mark.parametrize("plain", [{}, [], {"label": None, "gate": "truth"}])
 def test_a_document_that_is_no_whole_result_is_one_error(plain):
     with pytest.raises(AnalysisError, match=r"this document of a result has no .*; make it with Result.to_json\(\)"):

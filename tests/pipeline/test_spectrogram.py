@@ -105,17 +105,6 @@ def test_noise_below_the_clip_is_bounded_by_it() -> None:
     assert json.loads(mu.attrs["levels"])["floor_share"] == pytest.approx(1.0 - np.exp(-(10**0.4)), abs=0.005)
 
 
-def test_levels_not_clipped_yet_are_clipped_as_stated() -> None:
-    level_db = noise(-20.0)
-    shown = np.clip(level_db, -25.0, -15.0)
-    assert np.array_equal(signature_of(level_db, floor_db=-25.0, ceiling_db=-15.0).values, signature_of(shown).values)
-
-
-def test_noise_above_the_clip_is_found() -> None:
-    mu = signature_of(np.maximum(noise(-26.0), -30.0), floor_db=-30.0)
-    assert processing.noise_floor_v2(mu) == pytest.approx(10**-2.6, rel=0.03)
-
-
 def test_slow_rows_are_emptied() -> None:
     level_db = noise(-20.0)
     mu = signature_of(level_db, blank_below_mps=0.39)

@@ -15,7 +15,7 @@ from doppelgait.core.rng import rng
 from doppelgait.data import DEMO
 from doppelgait.motion import boulic_walk
 from doppelgait.motion.models.primitives import breathing_person
-from doppelgait.pipeline import Conditions, analyze, describe_results, parse_run, run_simulation, simulate, tracking
+from doppelgait.pipeline import Conditions, analyze, describe_results, parse_run, run_simulation, simulate
 from doppelgait.pipeline.analyze import flag_overlaps
 from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.target import SHARED, Gated, mark_other_bodies
@@ -140,13 +140,6 @@ def test_an_empty_list_names_the_strongest_cell_and_the_level_that_it_needs():
     assert describe_results(made, found)["reason"] == found.reason
 
 
-def test_an_empty_list_says_that_something_keeps_its_place():
-    sitter = Target(breathing_person(duration_s=9.0, breathing_hz=0.3, amplitude_m=0.02), range_m=2.0)
-    found = analyze(simulate(Scene([sitter]), RADAR, rng=rng(1), snr_db=25.0))
-    assert found == []
-    assert re.search(r"[0-9]+ of [0-9]+ scans have detections", found.reason), found.reason
-
-
 @pytest.mark.parametrize("prf_hz", [100.0, 640.0])
 def test_a_torso_in_another_fold_than_its_track_is_flagged(prf_hz):
     scene, radar = Scene([Target(WALK, range_m=4.5)], duration_s=4.0), Radar.preset("x4", prf_hz=prf_hz)
@@ -172,27 +165,6 @@ def test_an_empty_list_says_that_frames_are_too_few():
     assert found.reason == (
         "moving bodies cannot be detected at 17 frames/s; no range bin shows steady breathing for 12 s"
     )
-
-
-def test_one_who_stops_and_goes_on_is_analysed_segment_by_segment(monkeypatch):
-    path = {"kind": "stop_and_go", "stops": [{"at_m": 3.0, "pause_s": 3.0}]}
-    walk = boulic_walk(speed_mps=1.0, height_m=1.75, duration_s=20.0)
-    target = Target(walk, start_position_m=(9.0, 0.0), heading_deg=180.0, path=path)
-    made = simulate(Scene([target], duration_s=11.5), RADAR, rng=rng(1), snr_db=25.0, conditions=ROOM)
-    measured, share = [], tracking.measure_removed
-    monkeypatch.setattr(tracking, "measure_removed", lambda *a, **more: measured.append(a) or share(*a, **more))
-    found = analyze(made)
-    assert len(measured) == 1  # of the track, not of every segment: time goes with the length of the recording
-    assert len(found) == 1
-    segments = found[0].segments
-    assert len(segments) == 2
-    assert all(segment.features.torso_velocity_mps == pytest.approx(1.0, abs=0.12) for segment in segments)
-    speed_mps = np.abs(made.truth[0].centre_velocity_mps)
-    for segment in segments:  # the pause is in neither
-        times = made.baseband.slow_time.values
-        inside = (times >= segment.quality["start_s"]) & (times <= segment.quality["stop_s"])
-        assert speed_mps[inside].min() > 0.3
-    assert found[0].quality["n_pieces"] == 2
 
 
 def track_of(start_s, stop_s, range_m, velocity_mps):

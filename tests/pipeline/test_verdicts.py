@@ -138,18 +138,6 @@ def test_a_body_that_leaves_goes_on_as_its_folded_echo():
     assert evidence["fold_level_db"] == pytest.approx(0.0, abs=0.1)
 
 
-def test_the_folded_echo_may_come_first():
-    body, echo = (
-        TrackStrip(
-            -one.time_s[::-1], one.range_m[::-1], -one.approach_mps[::-1], one.power_v2[::-1, ::-1], VELOCITY_MPS
-        )
-        for one in leaving()
-    )
-    found = judge_fold(echo, body, 1, folding_m=FOLDING_M, frame_stop_m=9.66)
-    assert found is not None
-    assert dict(found.evidence)["fold_error_m"] == pytest.approx(0.0, abs=0.02)
-
-
 def test_another_body_near_the_radar_is_no_folded_echo():
     body, _ = leaving()
     _, elsewhere = leaving(beyond_m=FOLDING_M - 0.5)

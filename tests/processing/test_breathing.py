@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.frames import Frames, SlowTime
+from doppelgait.core.frames import Frames
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
 from doppelgait.motion import breathing_person
@@ -13,7 +13,6 @@ from doppelgait.pipeline import simulate
 from doppelgait.processing.breathing import (
     BreathingSettings,
     compute_displacement,
-    explain_no_breathing,
     find_breathing,
     fit_circle,
     remove_common_gain,
@@ -65,15 +64,6 @@ def test_one_person_before_a_room(seconds, rate_hz):
     assert person.displacement_m == pytest.approx(0.003, rel=0.05)
     assert person.confidence > 0.9
     assert (person.start_s, person.stop_s) == pytest.approx((0, times[-1]), abs=0.2)
-
-
-@pytest.mark.parametrize(
-    ("seconds", "rate_hz", "reason"), [(9, 10, "9.0 s are too short"), (20, 2, "2 frames/s are too few"), (20, 5, "")]
-)
-def test_why_there_is_no_breathing(seconds, rate_hz, reason):
-    stated = explain_no_breathing(SlowTime(np.arange(seconds * rate_hz + 1) / rate_hz))
-    assert stated.startswith(reason)
-    assert bool(stated) == bool(reason)
 
 
 def test_a_large_swing_is_one_breath_at_its_rate_and_not_its_double():

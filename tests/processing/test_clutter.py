@@ -62,14 +62,6 @@ def test_the_median_is_a_notch_like_the_mean(doppler_hz):
     assert found == pytest.approx(float(expected), abs=0.04)
 
 
-@pytest.mark.parametrize("tile", [3990, 1330, 1000])
-def test_tiles_change_nothing_even_where_the_last_is_shorter_than_a_block(monkeypatch, tile):
-    baseband = tone(5.0)[:3995]
-    whole = remove_clutter(baseband, Analysis(clutter="median")).values
-    monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", tile)
-    np.testing.assert_array_equal(remove_clutter(baseband, Analysis(clutter="median")).values, whole)
-
-
 def room(phase_rad, clutter_v, body_v=0.0, seed=0):
     """Static echoes in every bin, noise of 1 V^2, a body that walks through, and the phase of the clock."""
     generator = np.random.default_rng(seed)

@@ -87,12 +87,6 @@ class TestSignal:
             assert np.abs(heard) == pytest.approx(1.2 * np.sqrt(2 * np.pi), rel=1e-3)  # the area of the envelope
             assert peak_hz(heard, 1000.0) == pytest.approx(doppler_hz, abs=0.2)
 
-    def test_what_is_beside_the_gate_is_not_heard(self):
-        baseband, _ = moving_echo(ramp_rad=0.0)
-        heard = np.abs(compute_doppler_signal(Frames.of(baseband), Gate.fixed(3.3, 3.9, time_s=[0.0, 0.999])))
-        assert heard[:20].min() > 2.9
-        assert heard[700:].max() < 1e-6
-
     def test_what_stands_still_is_taken_off_as_asked(self):
         baseband, doppler_hz = moving_echo(ramp_rad=0.0)
         still = baseband.copy(data=baseband.values + np.complex64(5.0))

@@ -117,17 +117,6 @@ def test_crossing_keeps_identities(merge_mps: float) -> None:
     assert good >= 19
 
 
-def test_shared_detection_is_said_and_keeps_both() -> None:
-    scans, _ = crossing_scans(np.random.default_rng(3), merge_mps=9.0)
-    tracks = track(scans)
-    assert len(tracks) == 2
-    assert all(one.shared.any() or one.measured.all() for one in tracks)
-    assert any(one.shared.sum() >= 2 for one in tracks)
-    for one in tracks:
-        middle = one.times_s[one.shared]
-        assert ((middle > 2.3) & (middle < 3.7)).all()
-
-
 @pytest.mark.parametrize("pause_s", [1.5, 5.0])
 def test_rest_is_bridged(pause_s: float) -> None:
     """2 s of walking, slowing down in 1 s, unseen while slower than 0.2 m/s, and on."""
@@ -203,17 +192,6 @@ def test_what_changes_its_range_without_a_doppler_shift_is_no_target() -> None:
     assert len(track(drifts, Tracker(still_speed_mps=0.0))) == 1
     robot = [Scan(float(t), (seen(float(4 - 0.2 * t), 0.2, half_mps=0.3, **sure),)) for t in TIMES]
     assert len(track(robot)) == 1
-
-
-def test_who_stands_most_of_the_time_is_a_target_all_the_same() -> None:
-    speed = np.interp(TIMES, [0, 1.2, 1.5], [1.2, 1.2, 0.0])
-    ranges = 6 - np.concatenate([[0], np.cumsum((speed[1:] + speed[:-1]) / 2 * 0.1)])
-    scans = [
-        Scan(float(t), (seen(float(r), float(v), half_mps=0.3 + 0.8 * v),))
-        for t, r, v in zip(TIMES, ranges, speed, strict=True)
-    ]
-    (one,) = track(scans)
-    assert np.median(np.abs(one.velocity_mps)) < 0.1
 
 
 def test_at_most_as_many_as_asked_for() -> None:

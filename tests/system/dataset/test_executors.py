@@ -59,11 +59,6 @@ def test_every_shard_comes_once_with_its_own_result_from_workers_of_one_thread_w
     assert os.environ.get("MALLOC_TRIM_THRESHOLD_") != WORKER_ENVIRONMENT["MALLOC_TRIM_THRESHOLD_"]
 
 
-def test_one_process_is_this_one(tmp_path):
-    ((_, record),) = run_shards(partial(started, folder=str(tmp_path)), shards(1), executor="processes", workers=4)
-    assert record["pid"] == os.getpid()
-
-
 @pytest.mark.parametrize("executor", LOCAL)
 def test_an_error_of_the_work_is_the_callers(executor):
     assert list(run_shards(no_space, [], executor=executor, workers=2)) == []

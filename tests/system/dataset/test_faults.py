@@ -331,26 +331,6 @@ def test_a_folder_that_cannot_be_written_is_one_error(tmp_path):
             build_dataset(mini_plan(), "/proc/d", executor="serial")
 
 
-def test_motion_files_that_vanish_during_the_build_are_failures_of_their_examples(tmp_path):
-    names = [f"broken{n}.c3d" for n in range(4)]
-    for name in names:
-        (tmp_path / name).write_text(f"not a C3D file: {name}")
-    classes = [
-        {"label": "human", "motion": {"kind": "boulic"}},
-        {"label": "ghost", "motion": {"kind": "file", "path": {"choice": names}}},
-    ]
-
-    def vanish(done, total):
-        for name in names:
-            (tmp_path / name).unlink(missing_ok=True)
-
-    plan = tiny_plan(dataset={"examples_per_class": 4, "shard_size": 2}, classes=classes)
-    report = build_dataset(plan, tmp_path / "d", folder=tmp_path, executor="serial", on_progress=vanish)
-    assert (report.n_examples, report.n_failed, report.too_many_failed) == (4, 4, True)
-    assert any("there is no such file" in failure["reason"] for failure in report.failures)
-    assert all(failure["id"].startswith("ghost-") and failure["spec"] for failure in report.failures)
-
-
 def let_one_fail(monkeypatch, error):
     """Raise an error in place of one example."""
     real = shard.simulate_example

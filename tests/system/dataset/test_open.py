@@ -25,7 +25,7 @@ from doppelgait.dataset.example import parse_unit, read_carrier_hz, read_radar
 from doppelgait.dataset.rows import POOL_SHARDS, shuffled_rows
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.features.extended import list_features
-from tiny_dataset import mixed_plan, sum_signatures, tiny_plan
+from tiny_dataset import sum_signatures, tiny_plan
 
 X4_WAVELENGTH_M = 299_792_458.0 / 7.29e9
 
@@ -36,16 +36,6 @@ def stored(folder, index, number, name):
     with h5py.File(folder / "shards" / f"{row['shard']}.h5") as file:
         found = file[name]
         return found[int(row["row"])] if isinstance(found, h5py.Dataset) else found[str(row["row"])][:]
-
-
-def test_index_and_parts(folder, dataset):
-    plain = pd.read_parquet(folder / "index.parquet")
-    pd.testing.assert_frame_equal(dataset.index, plain)
-    assert len(dataset) == len(plain) == 12
-    for split in ("train", "test"):
-        ids = (folder / "splits" / f"{split}.txt").read_text().split()
-        assert list(dataset[split].index["id"]) == ids
-    assert len(dataset["train"]) == 6
 
 
 def test_example_is_what_h5py_reads_with_the_librarys_labels(folder, dataset):
@@ -71,17 +61,6 @@ def test_example_is_what_h5py_reads_with_the_librarys_labels(folder, dataset):
         for name, value in example.features.items():
             assert value == pytest.approx(index[f"feature_{name}"][number], nan_ok=True)
         assert example.row["snr_frame_db"] == index["snr_frame_db"][number]
-
-
-def test_half_precision_and_hop_are_undone(mixed):
-    for number in range(len(mixed)):
-        raw = stored(mixed.directory, mixed.index, number, "signature")
-        assert raw.dtype == np.float16
-        expected = 10.0 ** (raw.astype(np.float64) / 10.0)
-        values = mixed.array("signature", number)
-        assert values.dtype == np.float32
-        np.testing.assert_allclose(values, expected, rtol=1e-6)
-        assert np.array_equal(mixed.example(number).signature.values, values)
 
 
 def test_radar_of_a_later_class_is_that_of_its_simulation():
@@ -126,16 +105,6 @@ def test_features_for_scikit_learn(dataset):
     np.testing.assert_array_equal(named.X, index[["snr_frame_db", "truth_aspect_deg", "rcs_total_m2"]].to_numpy())
     assert named.units == ("dB", "deg", "m^2")
     assert parse_unit("extended_limb_share") == "1"
-
-
-def test_flags_of_the_index_are_a_column_and_no_attribute_of_pandas(folder, dataset):
-    flags = dataset.index.quality_flags
-    assert "flags" not in dataset.index
-    assert len(dataset.select("quality_flags == ''")) == (flags == "").sum()
-    number = int((flags != "").to_numpy().argmax())
-    result = dataset.result(number)
-    assert ";".join(result.flags) == flags.iloc[number] != ""
-    assert "flags" not in result.quality
 
 
 def test_extended_features_hold_nothing_that_only_a_simulation_knows(dataset):
@@ -290,16 +259,6 @@ def test_shuffle_opens_every_shard_once():
     assert len(set.union(*pools)) == n_shards
 
 
-def test_shuffle_of_few_shards_is_uniform():
-    index = pd.DataFrame({"shard": np.repeat(["a", "b", "c"], 4)})
-    rng = np.random.default_rng(0)
-    counts = np.zeros((12, 12))
-    for _ in range(4000):
-        counts[np.arange(12), shuffled_rows(index, rng)] += 1
-    chi_square = ((counts - 4000 / 12) ** 2 / (4000 / 12)).sum()
-    assert 60 < chi_square < 200  # 121 degrees of freedom: 5 sigma are 78
-
-
 def open_shards(folder):
     links = [os.path.realpath(f"/proc/self/fd/{n}") for n in os.listdir("/proc/self/fd")]
     return [path for path in links if path.startswith(str(folder)) and path.endswith(".h5")]
@@ -342,17 +301,6 @@ def test_without_torch_one_error(dataset, monkeypatch):
         dataset.torch()
     with pytest.raises(DatasetError, match="torch is not installed"):
         dataset.torch_iterable(seed=1)
-
-
-def test_specification_of_an_example_is_that_of_its_plan(dataset, mixed, tmp_path):
-    for data, plan in ((dataset, plan_dataset(tiny_plan())), (mixed, plan_dataset(mixed_plan()))):
-        specs = {entry.id: plan.example(entry.number) for entry in plan.examples}
-        for example in data:
-            assert example.specification == specs[example.row["scene_id"]]
-            assert pickle.loads(pickle.dumps(example)).specification == example.specification
-            assert example.result(None).analysis == example.specification.run.analysis
-    assert mixed["human-000001-c1"].specification.rows[1].id == "human-000001-c1"
-    assert convert_to_json(dataset.result(3).to_row()) == convert_to_json(dataset.example(3).result(None).to_row())
 
 
 @pytest.mark.parametrize(
