@@ -107,19 +107,6 @@ PLAN = {
 }
 
 
-def test_a_plan_draws_environment_impairments_and_background():
-    examples = examples_of(PlanConfig.model_validate(PLAN))
-    walls = [len(example.run.environment) for example in examples]
-    assert set(walls) == {0, 1}
-    white = {example.run.impairments[0].white_rad for example in examples}
-    assert len(white) == len(examples)
-    assert max(white) <= 0.01
-    assert len({example.run.scene.radar_tilt_deg for example in examples}) == len(examples)
-    assert all([t.background for t in example.run.scene.targets] == [False, True] for example in examples)
-    again = examples_of(PlanConfig.model_validate(PLAN))
-    assert [e.run.model_dump_json() for e in again] == [e.run.model_dump_json() for e in examples]
-
-
 @pytest.mark.parametrize(("noise", "kind"), [("thermal", "level"), ("none", "level"), ("thermal", "figure")])
 def test_the_recorded_noise_is_that_of_the_list(noise, kind):
     own = {"kind": "thermal_noise", **({"level_db": -60.0} if kind == "level" else {"noise_figure_db": 16.0})}

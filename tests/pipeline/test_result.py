@@ -252,18 +252,6 @@ def test_damage_is_told(written, tmp_path, part):
         pipeline.read_results(path)
 
 
-def test_results_of_version_0_1_0_are_refused_with_what_to_do(tmp_path):
-    with h5py.File(tmp_path / "old.h5", "w") as file:
-        file.attrs.update({"format": "doppelgait-result", "format_version": 1, "source": "walk.h5", "radar": "{}"})
-        file.create_group("targets/0")
-    with pytest.raises(AnalysisError) as caught:
-        pipeline.read_results(tmp_path / "old.h5")
-    message = str(caught.value)
-    assert "in format version 1; this one reads 2; make it again" in message
-    assert "doppelgait analyze RECORDING -o old.h5" in message
-    assert "\n" not in message
-
-
 def test_what_is_no_result_file(written, tmp_path):
     assert is_result_file(written["truth"][0])
     torn = tmp_path / "torn.h5"

@@ -48,15 +48,6 @@ def walker_db(*, torso_hz: float, step_hz: float) -> np.ndarray:
     return 10.0 * np.log10(torso + limb + 10 ** (noise(-33.0) / 10))
 
 
-def test_levels_are_powers_on_labelled_axes() -> None:
-    level_db = noise(-20.0)
-    mu = signature_of(level_db)
-    np.testing.assert_allclose(mu.values, 10.0 ** (level_db / 10.0), rtol=1e-5)
-    assert mu.dtype == np.float32
-    np.testing.assert_allclose(mu.velocity.values, DOPPLER_HZ * 0.015)  # v = f lambda / 2
-    assert (mu.attrs["prf_hz"], mu.attrs["cpi_pulses"], mu.attrs["hop"]) == (600.0, 120, 6)
-
-
 def test_a_falling_velocity_axis_is_turned_round() -> None:
     level_db = noise(-20.0)
     rising = signature_of(level_db)

@@ -7,9 +7,6 @@ from scipy.signal import butter, find_peaks, sosfiltfilt
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.core.rng import rng
-from doppelgait.motion import breathing_person
-from doppelgait.pipeline import simulate
 from doppelgait.processing.breathing import (
     BreathingSettings,
     compute_displacement,
@@ -17,8 +14,7 @@ from doppelgait.processing.breathing import (
     fit_circle,
     remove_common_gain,
 )
-from doppelgait.radar import Radar, read_recording
-from doppelgait.scene import Scene, Target
+from doppelgait.radar import read_recording
 
 WAVE_M = 0.0411
 RATE_HZ = 17.0
@@ -131,22 +127,6 @@ def test_a_walk_through_the_room_and_a_wide_swing_are_no_breath():
     assert find(walk + noise(np.random.default_rng(7), times.size)) == []
     swing = echo(times, range_m=1.75, amplitude_v=30, rate_hz=0.3, swing_m=0.05)
     assert find(swing + noise(np.random.default_rng(8), times.size)) == []
-
-
-@pytest.mark.parametrize(("snr_db", "tolerance"), [(10, 0.005), (-6, 0.02)])
-def test_rate_of_the_simulated_chest(snr_db, tolerance):
-    """SNR of a single frame in the strongest bin; a minute at 17 frames a second."""
-    radar = Radar.preset("x4-17fps")
-    motion = breathing_person(breathing_hz=0.25, amplitude_m=0.005, duration_s=62, rate_hz=50)
-    scene = Scene([Target(motion, label="human", range_m=2.0)], duration_s=60)
-    clean = simulate(scene, radar, rng=rng(0), snr_db=float("inf")).baseband
-    power = (np.abs(clean.values) ** 2).mean(axis=0).max()
-    for seed in range(2):
-        added = noise(np.random.default_rng(seed), *clean.shape) * np.sqrt(power / 10 ** (snr_db / 10))
-        noisy = clean.copy(data=(clean.values + added).astype(np.complex64))
-        (person,) = find_breathing(Frames.of(noisy), wavelength_m=radar.wavelength_m)
-        assert person.rate_hz == pytest.approx(0.25, rel=tolerance)
-        assert person.range_m == pytest.approx(2.0, abs=0.1)
 
 
 def test_what_cannot_be_looked_at_is_refused():

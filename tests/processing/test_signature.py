@@ -110,16 +110,6 @@ def test_a_gate_beside_the_target_sees_nothing_and_one_outside_the_frame_is_refu
         signature(y, fixed_gate(y, centre_m=7.0), Analysis(), wavelength_m=WAVELENGTH_M)
 
 
-def test_cells_outside_the_doppler_gate_are_zero_e27():
-    y = tone(70.0)
-    gate = fixed_gate(y, doppler_hz=(-100.0, 50.0))
-    mu = signature(y, gate, Analysis(doppler_bins=512), wavelength_m=WAVELENGTH_M)
-    doppler_hz = mu.coords["doppler"].values
-    inside = (doppler_hz >= -100) & (doppler_hz <= 50)
-    assert not mu.values[:, ~inside].any()
-    assert mu.values[:, inside].all()
-
-
 @pytest.mark.parametrize("hop", [1, 5, 8])
 @pytest.mark.parametrize("noisy", [False, True])
 def test_tiles_of_time_give_the_bytes_of_the_whole(hop, noisy, monkeypatch):

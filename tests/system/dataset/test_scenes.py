@@ -179,19 +179,6 @@ def test_a_folder_gives_its_straight_stretches_in_turn_and_loops_short_ones(walk
     assert row["recording"] == "walks/take_1.csv"
 
 
-@pytest.mark.release
-def test_hybrids_are_the_same_bytes_with_any_number_of_workers(walks):
-    config = folder_plan(pattern="*.csv", hybrid="retarget")
-    config = config.model_copy(update={"dataset": config.dataset.replace(shard_size=2)})
-    for workers, name in ((1, "one"), (2, "two")):
-        assert build_dataset(config, walks / name, folder=walks, workers=workers).n_failed == 0
-    assert dataset_hash(walks / "one") == dataset_hash(walks / "two")
-    index = pd.read_parquet(walks / "one" / "index.parquet")
-    # two examples of each take, each at a speed and with strides of its own
-    speeds = index.groupby("recording")["truth_ground_speed_mps"].nunique()
-    assert speeds.tolist() == [2, 2, 2]
-
-
 @pytest.mark.parametrize(
     ("options", "says"),
     [
