@@ -1,6 +1,5 @@
 """Plans whose preset holds distributions: one sensor per example."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -144,19 +143,6 @@ def test_a_build_with_a_changed_radar_file_shows_the_difference(sensor: Path) ->
     found = verify_dataset(target, folder=sensor.parent, rng=np.random.default_rng(0))
     assert found.check("identity").status == "passed"
     assert found.check("re-simulation").status == "passed"
-
-
-def test_verify_checks_the_files_of_an_older_dataset_without_its_radar_file(sensor: Path) -> None:
-    target = build_small(sensor)
-    described = json.loads((target / "dataset.json").read_text(encoding="utf-8"))
-    described["config"]["radar"]["preset"] = "my-sensor.toml"  # as it was stored before
-    (target / "dataset.json").write_text(json.dumps(described), encoding="utf-8")
-    sensor.unlink()
-    found = verify_dataset(target, folder=sensor.parent, rng=np.random.default_rng(0))
-    assert found.check("shards").status == "passed"
-    assert found.check("identity").status == "skipped"
-    assert "my-sensor.toml: cannot be read" in found.check("identity").summary
-    assert "--motion-folder" in found.check("identity").summary
 
 
 def test_the_viewer_simulates_with_stored_values_and_opens_no_radar_file(sensor: Path) -> None:
