@@ -257,28 +257,6 @@ def files(tmp_path, *names):
     return {"kind": "file", "path": {"choice": list(names)}}
 
 
-def test_all_examples_of_a_recording_are_in_one_split_beside_draws_of_a_model_and_in_two_classes(tmp_path):
-    names = [f"{n}.c3d" for n in range(24)]
-    some, recorded = files(tmp_path, *names[:6]), files(tmp_path, *names)
-    mixed = plan(
-        dataset={"name": "small", "examples_per_class": 60},
-        classes=[
-            {"label": "dog", "motion": {"choice": [some, some, {"kind": "quadruped"}]}},
-            {"label": "cat", "motion": recorded},
-        ],
-    )
-    splits = {}
-    for e in examples_of(mixed, folder=tmp_path):
-        motion = e.run.scene.targets[0].motion
-        wanted = f"file/{motion['path']}" if motion["kind"] == "file" else f"model/{e.id}"
-        assert e.rows[0].subject == wanted
-        splits.setdefault(e.group, set()).add(e.split)
-    assert all(len(found) == 1 for found in splits.values())
-    of_files = [found for subject, found in splits.items() if subject.startswith("file/")]
-    assert len(of_files) > 12
-    assert set.union(*of_files) == {"train", "validation", "test"}  # they are not all in one by accident
-
-
 def test_a_recording_cannot_be_two_subjects_through_two_spellings(tmp_path):
     names = [f"{n}.c3d" for n in range(8)]
     twice = {**files(tmp_path, *names), "path": {"choice": [*names, "./0.c3d"]}}

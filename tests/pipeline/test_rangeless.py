@@ -182,17 +182,6 @@ def test_two_who_pass_each_other_are_flagged():
     assert found.n_bodies == 2
 
 
-def test_who_turns_back_has_a_segment_for_each_way():
-    there, back = observed(walker()), observed(walker(2.2, 0.0))
-    values = np.concatenate([there.baseband.values, back.baseband.values])
-    times_s = np.arange(values.shape[0]) / RADAR.prf_hz
-    axes = {"slow_time": times_s, "range": there.range_m}
-    both = there.with_baseband(make_array(BASEBAND, values, axes, there.baseband.attrs), truth=())
-    (found,) = analyze(both)
-    assert [round(segment.features.torso_velocity_mps, 1) for segment in found.segments] == [1.2, -1.2]
-    assert not any(flag == "may_be_more_than_one_body" for flag in found.flags)
-
-
 @pytest.mark.parametrize("make", [lambda recording: recording, in_bursts])
 def test_who_sits_is_found_by_the_breath_and_has_no_bandwidth(make):
     breath = breathing_person(breathing_hz=0.3, amplitude_m=0.004, duration_s=20.0)
