@@ -14,7 +14,7 @@ from doppelgait.core.draws import replace_by_middle, resolve
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.dataset import plan as planning
 from doppelgait.dataset.card import blocks_release
-from doppelgait.dataset.config import DatasetSection, PlanConfig, list_differences, load_plan, plan_names, shorten
+from doppelgait.dataset.config import DatasetSection, PlanConfig, load_plan, plan_names
 from doppelgait.dataset.finish import compute_dataset_id, plan_header, plan_plugins
 from doppelgait.dataset.resolve import warn_of_equal_bodies, warn_of_unused_snr
 from doppelgait.dataset.verify import leakage
@@ -262,18 +262,6 @@ def test_a_recording_cannot_be_two_subjects_through_two_spellings(tmp_path):
     twice = {**files(tmp_path, *names), "path": {"choice": [*names, "./0.c3d"]}}
     with pytest.raises(ConfigError, match=r"'\./0\.c3d' and '0\.c3d' are the same file"):
         examples_of(plan(classes=[{"label": "a", "motion": twice}]), folder=tmp_path)
-
-
-def test_differences_are_short_and_say_what_is_absent():
-    old = {"classes": [{"label": "a"}], "seed": 1, "gone": {"x": 0}}
-    new = {"classes": [{"label": "a"}, {"label": "b", "motion": {"kind": "k" * 500}}], "seed": None}
-    found = list(list_differences(old, new))
-    assert [text.partition(": ")[0] for text in found] == ["classes.1", "gone", "seed"]
-    assert found[0].startswith('classes.1: absent -> {"label": "b"')
-    assert found[1:] == ['gone: {"x": 0} -> absent', "seed: 1 -> null"]
-    assert all(len(text) < 160 for text in found)
-    assert len(shorten("x" * 500)) == 60
-    assert shorten([1, 2]) == "[1, 2]"
 
 
 def test_built_in_plans_load_and_an_unknown_name_lists_them(tmp_path):

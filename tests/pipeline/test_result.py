@@ -98,8 +98,6 @@ def test_parts_are_there_where_they_were_asked_for(written, recording):
         parts["share"].values
     )
     assert np.nanmedian(parts["velocity_mps"].values[0]) == pytest.approx(plain.features.torso_velocity_mps, rel=0.06)
-    (tracked,) = pipeline.analyze(recording, gate="track", analysis=Analysis(parts=True))
-    assert tracked.parts["share"].values == pytest.approx(parts["share"].values, abs=0.05)
     slow = pipeline.analyze(recording, gate="truth", analysis=Analysis(parts=True, cpi_s=0.02))[0]
     assert slow.parts is None
     assert slow.flags[-1] == "parts:torso_slower_than_3_doppler_cells"
@@ -210,8 +208,6 @@ def test_a_result_is_shown_in_a_few_lines(written):
     assert shown.startswith(f"Result of {result.label}, gate {result.gate_source}\n  torso_velocity_mps ")
     assert f"gait_frequency_hz {result.gait_frequency_hz:.4g}" in shown
     assert shown.index("step length on the ground") < shown.index("step length, radial")
-    assert 2 <= len(shown.splitlines()) <= 5
-    assert repr(pipeline.Result(Analysis())) == "Result of a target of unknown class, gate given"
     assert repr(pipeline.Result(Analysis(), flags=("a",), segments=(result,))).endswith("segments 1, flags a")
 
 
@@ -300,7 +296,4 @@ def test_people_see_the_step_length_on_the_ground_first_and_doubts_next_to_value
     assert list(rows)[3:5] == ["ground_step_length_m", "step_length_m"]
     assert rows["ground_step_length_m"][-3:] == ["m", "2.140", "-"]
     assert rows["step_length_m"][-3:] == ["2.060", "2.060", "?"]
-    assert rows["torso_velocity_mps"][1:] == ["m/s", "-1.500", "-1.500"]
-    print_features([sure])
-    assert "?" not in capsys.readouterr().out
     assert "2.06 ?" in doubtful._repr_html_()

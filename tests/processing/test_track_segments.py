@@ -118,15 +118,6 @@ def test_a_path_that_the_partition_takes_for_one_is_cut_by_the_goodness_of_fit()
     assert cut >= 10
 
 
-def test_neighbours_of_nearly_one_speed_are_joined():
-    times = np.arange(0, 8, 0.1)
-    track = 12 - 0.5 * times - 0.12 * np.maximum(times - 4, 0)
-    sharp = SegmentationSettings(smooth_mps2=0.01, same_speed_mps=0.0, straight_level=0.0)
-    assert len(find_track_segments(times, track, range_sd_m=0.005, settings=sharp)) == 2
-    joined = sharp.model_copy(update={"same_speed_mps": 0.15})
-    assert len(find_track_segments(times, track, range_sd_m=0.005, settings=joined)) == 1
-
-
 def test_who_stops_stands_still_and_a_short_rest_is_too_short():
     times = np.arange(0, 9, 0.1)
     track = np.interp(times, [0, 3, 6, 9], [8.0, 4.4, 4.4, 0.8]) + np.random.default_rng(1).normal(0, 0.03, times.size)

@@ -172,7 +172,6 @@ def test_a_half_built_dataset_is_checked_as_far_as_it_is_there(copy):
     assert "not built yet: validation-00000-of-00001" in found.check("shards").summary
     assert failed(found) == set()
     assert failed(found, "skipped") == {"files", "contents", "index", "splits", "class balance"}
-    assert found.check("torso velocity").numbers["dog"]["rows"] == 25
     for path in (copy / "shards").iterdir():
         path.unlink()
     found = verify(copy)
