@@ -70,8 +70,3 @@ def check_whole(folder, expected_hash):
 def whole_dataset(tmp_path_factory):
     """Folder of the tiny dataset as one process builds it; nobody changes it."""
     return made_once(tmp_path_factory, "dataset-whole", partial(build_dataset, tiny_plan(), executor="serial"))
-
-
-def build_part(folder, part):
-    """Build a part of the tiny dataset; a new process can import this."""
-    build_dataset(tiny_plan(), folder, executor="serial", part=part)

@@ -1,6 +1,5 @@
 """Executors: the same results from each, killed workers, early ends, bounded queues, clear errors."""
 
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -14,7 +13,7 @@ import pytest
 
 import processes
 from checkout import SUPPORT
-from dataset_plans import build_part, check_whole, dataset_hash, tiny_plan, whole_dataset
+from dataset_plans import check_whole, dataset_hash, tiny_plan, whole_dataset
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.worker import WORKER_ENVIRONMENT
 from doppelgait.dataset.build import build_dataset, read_dataset_status
@@ -247,25 +246,6 @@ def test_parts_one_after_the_other(tmp_path, reference):
         assert (tmp_path / "index.parquet").exists() == (number == 3)
         assert (report.n_rows == 24) == (number == 3)
     assert missing == [5, 2, 0]
-    check_whole(tmp_path, reference)
-
-
-@pytest.mark.release
-def test_parts_side_by_side(tmp_path, reference):
-    spawn = multiprocessing.get_context("spawn")
-    jobs = [spawn.Process(target=build_part, args=(tmp_path, f"{n}/3")) for n in (1, 2, 3)]
-    for job in jobs:
-        job.start()
-    for job in jobs:
-        processes.join(job)
-    assert [job.exitcode for job in jobs] == [0, 0, 0]
-    check_whole(tmp_path, reference)
-
-
-def test_a_build_without_a_part_finishes_what_parts_began(tmp_path, reference):
-    build_dataset(tiny_plan(), tmp_path, executor="serial", part="2/2")
-    report = build_dataset(tiny_plan(), tmp_path, executor="serial")
-    assert (report.n_reused, report.n_built, report.missing) == (12, 12, 0)
     check_whole(tmp_path, reference)
 
 

@@ -4,7 +4,6 @@ import json
 import multiprocessing
 import os
 import pickle
-import shutil
 import sys
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -166,31 +165,29 @@ def test_wrong_queries_keys_and_names_are_one_error(dataset, read, argument, mes
         getattr(dataset, read)(argument)
 
 
-def edited(folder, target, **changes):
-    """Copy of a dataset with entries of its description changed."""
-    shutil.copytree(folder, target)
-    description = json.loads((target / "dataset.json").read_text()) | changes
-    (target / "dataset.json").write_text(json.dumps(description))
-    return target
+def put_description(folder, **changes):
+    description = json.loads((folder / "dataset.json").read_text()) | changes
+    (folder / "dataset.json").write_text(json.dumps(description))
 
 
-def test_newer_schema_is_refused(folder, tmp_path):
+def test_newer_schema_is_refused(copy):
+    put_description(copy, schema_version=99)
     with pytest.raises(DatasetError, match="is a dataset in format version 99; this one reads 1 to 3; install"):
-        open_dataset(edited(folder, tmp_path / "new", schema_version=99))
+        open_dataset(copy)
 
 
-def test_first_schema_is_read(folder, tmp_path):
+def test_first_schema_is_read(folder, copy):
     """Version 1: no group, no licence, no scale, axes for the signature only, another name of the flags."""
     facts = {"dims": ["time", "doppler"], "units": "V^2", "dtype": "float32"}
     cadence = {"dims": ["cadence", "doppler"], "units": "1", "dtype": "float32"}
-    old = edited(folder, tmp_path / "old", schema_version=1, fields={"signature": facts, "cadence_map": cadence})
-    index = pd.read_parquet(old / "index.parquet").drop(columns=["group", "licence"])
-    index.rename(columns={"quality_flags": "flags"}).to_parquet(old / "index.parquet", index=False)
-    for path in (old / "shards").glob("*.h5"):
+    put_description(copy, schema_version=1, fields={"signature": facts, "cadence_map": cadence})
+    index = pd.read_parquet(copy / "index.parquet").drop(columns=["group", "licence"])
+    index.rename(columns={"quality_flags": "flags"}).to_parquet(copy / "index.parquet", index=False)
+    for path in (copy / "shards").glob("*.h5"):
         with h5py.File(path, "a") as file:
             for name in ("cadence_map_cadence_hz", "cadence_map_doppler_hz"):
                 del file[name]
-    dataset = open_dataset(old)
+    dataset = open_dataset(copy)
     pd.testing.assert_frame_equal(dataset.index, index)
     example, now = (data["human-000002"] for data in (dataset, open_dataset(folder)))
     assert example.signature.identical(now.signature)
@@ -199,8 +196,7 @@ def test_first_schema_is_read(folder, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["dataset.json", "index.parquet"])
-def test_missing_and_damaged_files(folder, tmp_path, name):
-    copy = edited(folder, tmp_path / "copy")
+def test_missing_and_damaged_files(copy, name):
     (copy / name).write_bytes(b"{")
     with pytest.raises(DatasetError, match=r"copy: is damaged"):
         open_dataset(copy)
@@ -209,8 +205,7 @@ def test_missing_and_damaged_files(folder, tmp_path, name):
         open_dataset(copy)
 
 
-def test_damaged_shard_is_named(folder, tmp_path):
-    copy = edited(folder, tmp_path / "copy")
+def test_damaged_shard_is_named(copy):
     dataset = open_dataset(copy)
     path = copy / "shards" / f"{dataset.index['shard'][0]}.h5"
     path.write_bytes(path.read_bytes()[:5000])

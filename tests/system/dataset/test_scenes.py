@@ -1,7 +1,6 @@
 """Scenes of a plan beyond one target in its truth gate: companions, nobody, tracks, folders of recordings."""
 
 from collections import Counter
-from functools import cache
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -21,7 +20,7 @@ from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.shard_files import decode
 from doppelgait.dataset.verify import verify_dataset
 from doppelgait.features import measure_columns
-from doppelgait.motion import boulic_walk, readers
+from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import run_simulation
 from doppelgait.radar import Radar
 
@@ -196,17 +195,8 @@ def test_wrong_folders_are_refused(walks, options, says):
         plan_dataset(config, folder=walks)
 
 
-@pytest.fixture(scope="module")
-def _read_once():
-    """Read the recorded motions once for both plans of the report."""
-    with pytest.MonkeyPatch.context() as change:
-        change.setattr(readers, "read", cache(readers.read))
-        yield
-
-
 @pytest.mark.shared
 @pytest.mark.release
-@pytest.mark.usefixtures("_read_once")
 def test_the_report_plan_has_the_170_scenarios_of_its_chapter_5(shared):
     config, _ = load_plan("liland2018")
     with pytest.warns(DoppelgaitWarning, match="files are left out"):
@@ -225,26 +215,6 @@ def test_the_report_plan_has_the_170_scenarios_of_its_chapter_5(shared):
         ("dog", 0.0, 0.2, "equal", 0.2): 1,
         ("walker", 0.0, 1.8, "equal", 1.0): 14, ("walker", 180.0, 1.8, "equal", 1.0): 7,
     }  # fmt: skip
-
-
-@pytest.mark.shared
-@pytest.mark.release
-@pytest.mark.usefixtures("_read_once")
-def test_the_fair_report_plan_takes_a_folder_of_real_people_and_dogs(shared):
-    config, _ = load_plan("liland2018-fair")
-    assert config.dataset.leaks == ()
-    with pytest.warns(DoppelgaitWarning, match="files are left out"):
-        laid_out = plan_dataset(config, folder=shared / "data" / "mocap")
-    labels = [laid_out.config.classes[e.class_number].label for e in laid_out.examples]
-    assert {label: labels.count(label) for label in labels} == {"human": 148, "dog": 40, "walker": 21}
-    people = {s for e in laid_out.examples if e.class_number == 0 for s in e.subjects}
-    dogs = {s for e in laid_out.examples if e.class_number == 1 for s in e.subjects}
-    assert len(people) > 45
-    assert len(dogs) > 15
-    context = BuildContext(laid_out.config, str(shared / "data" / "mocap"), "")
-    (((row, _),),) = build_planned([laid_out.examples[150]], context)
-    assert row["label"] == "dog"
-    assert row["feature_torso_velocity_mps"] == pytest.approx(row["truth_radial_velocity_mps"], abs=0.15)
 
 
 @pytest.mark.parametrize("preset", ["infineon-24-burst", "ti-60-burst"])
