@@ -63,21 +63,6 @@ def planned(takes):
         return plan_dataset(plan(), folder=takes)
 
 
-def test_every_clip_has_ranges_and_partners_of_its_family(planned):
-    tables = planned.config.classes[0].motion["cycle"]
-    assert len(tables) == 5
-    partners = {t["path"][6:9]: {o["path"][6:9] for o in t["hybrid"]["other"]["choice"]} for t in tables}
-    assert partners["ann"] == {"ben"}
-    assert partners["ben"] == {"ann"}
-    assert partners["cat"] <= {"dan", "eva"}  # three, because five are odd
-    assert partners["eva"]
-    for table in tables:
-        low, high = table["hybrid"]["speed_factor"]["log_uniform"]
-        assert 0.8 <= low < 0.95
-        assert 1.05 < high <= 1.25
-        assert "loop_to_s" in table
-
-
 def test_every_example_is_another_target_and_the_same_again(planned, takes):
     motions = [planned.example(number).run.scene.targets[0].motion for number in range(40)]
     factors = {(m["path"], m["hybrid"]["speed_factor"], m["hybrid"]["share"]) for m in motions}

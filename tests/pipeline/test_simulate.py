@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import doppelgait as dg
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning, OutputError
+from doppelgait.core.errors import ConfigError, OutputError
 from doppelgait.pipeline import Conditions, parse_run, run_simulation
 from doppelgait.radar import Radar, Recording, open_stream, read_recording, write_recording
 from doppelgait.radar.frames import write_frames
@@ -51,23 +51,6 @@ def as_recorded(made):
     return replace(made, radar=plain, facts={"burst_pulses": made.radar.burst_pulses}, truth=())
 
 
-@pytest.mark.parametrize("preset", PRESETS)
-def test_a_simulated_and_a_recorded_recording_take_the_same_path(preset, tmp_path):
-    made = simulate(Radar.preset(preset), rng=dg.rng(3), snr_db=20)
-    write_recording(made, tmp_path / "walk.h5")
-    back = read_recording(tmp_path / "walk.h5")
-    assert back.radar == made.radar
-    gate = (2.0, 5.5) if made.n_range_bins > 1 else None
-    options = {} if gate is None else {"gate": gate}
-    rows = [dg.analyze(one, **options)[0] for one in (made, back, as_recorded(made))]
-    for one in rows[1:]:
-        np.testing.assert_array_equal(one.signature.values, rows[0].signature.values)
-        assert one.features == rows[0].features
-    times_s = rows[0].signature["time"].values
-    np.testing.assert_allclose(np.diff(times_s), made.radar.burst_period_s, rtol=1e-9)
-    assert rows[0].signature.attrs["cpi_pulses"] == made.radar.burst_pulses
-
-
 @pytest.mark.parametrize("preset", ["infineon-60-burst", "ti-60-burst"])
 def test_targets_are_tracked_in_bursts_as_without_pauses(preset):
     gaits = dg.motion.human_gait(speed_mps=1.2, duration_s=6.0), dg.motion.boulic_walk(speed_mps=0.9, duration_s=6.0)
@@ -100,21 +83,6 @@ def test_frames_in_bursts_are_streamed_with_their_times(tmp_path):
             assert (stream.radar.burst_pulses, stream.radar.burst_period_s) == (128, pytest.approx(0.2))
         np.testing.assert_allclose([time_s for time_s, _ in items], made.slow_time_s, rtol=0, atol=1e-12)
         np.testing.assert_array_equal(np.stack([row for _, row in items]), made.samples.matrix)
-
-
-def test_of_a_file_with_lost_frames_whole_bursts_are_kept_at_their_times(tmp_path):
-    made = simulate(Radar.preset("infineon-24-burst"))
-    write_frames(made, tmp_path / "walk.dgf")
-    content = (tmp_path / "walk.dgf").read_bytes()
-    size = 16 + 16 + 8
-    start = len(content) - 16 - size * made.n_pulses
-    lost = start + size * 300, start + size * 310  # in the third burst
-    (tmp_path / "walk.dgf").write_bytes(content[: lost[0]] + content[lost[1] :])
-    with pytest.warns(DoppelgaitWarning, match="1 incomplete bursts are ignored"):
-        back = read_recording(tmp_path / "walk.dgf")
-    kept = np.delete(np.arange(made.n_pulses), np.s_[256:384])
-    np.testing.assert_array_equal(back.samples.matrix, made.samples.matrix[kept])
-    np.testing.assert_allclose(back.slow_time_s, made.slow_time_s[kept], rtol=0, atol=1e-12)
 
 
 def test_only_whole_bursts_are_simulated():

@@ -5,11 +5,12 @@ import pytest
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.frames import Frames
+from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing.breathing import (
     BreathingSettings,
     compute_displacement,
+    explain_no_breathing,
     find_breathing,
     fit_circle,
     remove_common_gain,
@@ -134,6 +135,7 @@ def test_what_cannot_be_looked_at_is_refused():
         find(noise(np.random.default_rng(0), 85))
     with pytest.raises(AnalysisError, match="wavelength_m = 0"):
         find_breathing(Frames.of(labelled(noise(np.random.default_rng(0), 340))), wavelength_m=0.0)
+    assert explain_no_breathing(SlowTime(np.arange(41) / 2)).startswith("2 frames/s are too few")
     broken = noise(np.random.default_rng(0), 340)
     broken[3, 3] = np.nan
     with pytest.raises(AnalysisError, match="not finite"):

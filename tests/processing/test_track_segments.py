@@ -218,13 +218,3 @@ def test_hopeless_starts_are_given_up_and_the_change_points_stay(monkeypatch):
     for limit in ("HOPELESS", "LONGEST_S"):
         monkeypatch.setattr(track_segments, limit, np.inf)
     assert find_best_knots(times, ranges, **settings) == found
-
-
-@pytest.mark.parametrize("speed_mps", [0.0, 0.03])
-def test_who_hardly_moves_for_long_is_one_segment_though_old_starts_are_dropped(monkeypatch, speed_mps):
-    times = np.arange(0, 120, 0.1)
-    ranges = 3 + speed_mps * times + SD_M * np.random.default_rng(2).normal(size=times.size)
-    whole = find_track_segments(times, ranges)
-    monkeypatch.setattr(track_segments, "LONGEST_S", 10.0)
-    assert len(whole) == 1
-    assert find_track_segments(times, ranges) == whole

@@ -57,19 +57,6 @@ def test_csv_is_the_index(dataset, tmp_path):
             assert (text == "" and (pd.isna(value) or value == "")) or type(value)(text) == value
 
 
-def test_parquet_of_features(dataset, tmp_path):
-    export_dataset(dataset, tmp_path / "out", form="parquet")
-    expected = expected_table(dataset)
-    for split in ("train", "test"):
-        found = pd.read_parquet(tmp_path / "out" / f"{split}.parquet")
-        pd.testing.assert_frame_equal(found, expected[expected["split"] == split].reset_index(drop=True))
-    schema = pq.read_schema(tmp_path / "out" / "train.parquet")
-    assert schema.field("feature_torso_velocity_mps").metadata[b"unit"] == b"m/s"
-    assert schema.field("feature_limb_torso_ratio").metadata[b"unit"] == b"1"
-    assert json.loads(schema.metadata[b"doppelgait"])["classes"] == {"human": 0, "dog": 1}
-    assert schema.equals(pq.read_schema(tmp_path / "out" / "test.parquet"))
-
-
 def test_parquet_with_arrays(dataset, tmp_path):
     fields = ["signature", "baseband", "truth_range_m"]
     export_dataset(dataset, tmp_path / "out", form={"kind": "parquet", "rows_per_group": 4}, fields=fields)
@@ -363,20 +350,6 @@ class Lines(FrozenModel):
 
     kind: Literal["lines"] = "lines"
     end: str = "\n"
-
-
-def test_an_exporter_of_another_package(dataset, tmp_path, register):
-    @register("exporter", parameters=Lines, allowed=(), default=())
-    def write_lines(dataset, folder, fields, parameters, done):
-        (folder / "ids.txt").write_text("".join(f"{name}{parameters.end}" for name in dataset.index["id"]))
-        done(len(dataset))
-
-    assert "lines" in EXPORTERS
-    check_exporter("lines", dataset)
-    export_dataset(dataset, tmp_path / "out", form=Lines(end=";"))
-    assert (tmp_path / "out" / "ids.txt").read_text().count(";") == len(dataset)
-    with pytest.raises(DatasetError, match="lines holds no arrays only"):
-        export_dataset(dataset, tmp_path / "more", form="lines", fields=["signature"])
 
 
 @pytest.mark.parametrize(
