@@ -38,10 +38,6 @@ SCENES = {
 }
 
 
-def example(scene, analysis, radar=X4, seed=2):
-    return analyze(simulate(scene, radar, rng=rng(seed), angles=False), gate="truth", analysis=analysis)
-
-
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("analysis", [Analysis(), Analysis(hop=1), Analysis(method="liland2018", hop=10)])
 @pytest.mark.parametrize(("snr_db", "gate_error_m"), [(None, 0.0), (10.0, 0.25), (float("inf"), -0.2)])
@@ -66,10 +62,9 @@ def test_a_data_matrix_that_cannot_fit_is_refused():
 def test_a_cropped_signature_is_thinned_from_the_same_columns():
     """Where the gate leaves the frame the first columns go: before that, hop 1 must pick the columns of hop 8."""
     radar = Radar.preset("x4", range_start_m=3.0, range_stop_m=6.0)
-    found = {}
-    for hop in (1, 2, 8):
-        with pytest.warns(match="outside the frame"):
-            found[hop] = example(SCENES["one"], Analysis(hop=hop), radar)[0]
+    with pytest.warns(match="outside the frame"):
+        recording = simulate(SCENES["one"], radar, rng=rng(2), angles=False)
+    found = {hop: analyze(recording, gate="truth", analysis=Analysis(hop=hop))[0] for hop in (1, 2, 8)}
     assert "gate_leaves_frame" in found[8].flags
     for hop in (1, 2):
         assert found[hop].features == found[8].features
@@ -165,7 +160,7 @@ def test_gait_frequency_is_the_step_frequency(recorded):
     assert result.gait_frequency_hz == pytest.approx(2 * float(segment["stride_hz"]), rel=0.05)
 
 
-INF, NAN = float("inf"), float("nan")
+NAN = float("nan")
 
 
 @pytest.fixture(scope="module")
@@ -267,11 +262,6 @@ def test_every_scene_gets_the_warnings_of_a_motion_file(tmp_path):
             build_motion({"kind": "file", "path": "short.csv", "loop_to_s": 4.0}, duration_s=1.0, folder=tmp_path)
 
 
-def uneven_walk(duration_s):
-    table = {"kind": "boulic", "speed_mps": 1.2, "stride_variation": 0.08}
-    return build_motion(table, duration_s=duration_s, rng=dg.rng(5))
-
-
 def strides(motion, until_s, foot="left_foot"):
     times = np.array(motion.facts.footfalls[foot])
     times = times[times <= until_s]
@@ -279,7 +269,8 @@ def strides(motion, until_s, foot="left_foot"):
 
 
 def test_truth_frequencies_are_those_of_the_observation():
-    motion = uneven_walk(30.0)
+    table = {"kind": "boulic", "speed_mps": 1.2, "stride_variation": 0.08}
+    motion = build_motion(table, duration_s=30.0, rng=dg.rng(5))
     truth = simulate(Scene([Target(motion, range_m=6.0)], duration_s=4.0), Radar.preset("x4")).truth[0]
     wanted = np.mean([strides(motion, 4.0, foot) for foot in ("left_foot", "right_foot")])
     assert truth.stride_frequency_hz == pytest.approx(wanted, rel=1e-12)

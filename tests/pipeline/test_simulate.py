@@ -15,7 +15,6 @@ from doppelgait.radar import Radar, Recording, open_stream, read_recording, writ
 from doppelgait.radar.frames import write_frames
 from doppelgait.scene.environment import make_effect
 
-PRESETS = ("infineon-24-burst", "infineon-60-burst", "ti-60-burst")
 WALK = dg.motion.human_gait(speed_mps=1.2, duration_s=3.0)
 SCENE = dg.Scene(targets=[dg.Target(WALK, range_m=4.0)], duration_s=2.0)
 
@@ -45,12 +44,6 @@ def test_bursts_are_the_same_pulses_as_without_pauses(preset, changes, pulses, p
     np.testing.assert_allclose(bursts.truth[0].centre_range_m, whole.truth[0].centre_range_m[taken], rtol=0, atol=1e-9)
 
 
-def as_recorded(made):
-    """As a reader of a measured recording makes it: the bursts are a fact of the samples alone."""
-    plain = made.radar.model_copy(update={"burst_pulses": None, "burst_period_s": None})
-    return replace(made, radar=plain, facts={"burst_pulses": made.radar.burst_pulses}, truth=())
-
-
 @pytest.mark.parametrize("preset", ["infineon-60-burst", "ti-60-burst"])
 def test_targets_are_tracked_in_bursts_as_without_pauses(preset):
     gaits = dg.motion.human_gait(speed_mps=1.2, duration_s=6.0), dg.motion.boulic_walk(speed_mps=0.9, duration_s=6.0)
@@ -71,7 +64,9 @@ def test_targets_are_tracked_in_bursts_as_without_pauses(preset):
 
 def test_frames_in_bursts_are_streamed_with_their_times(tmp_path):
     made = simulate(Radar.preset("infineon-24-burst"))
-    recorded = as_recorded(made)
+    # as a reader of a measured recording makes it: the bursts are a fact of the samples alone
+    plain = made.radar.model_copy(update={"burst_pulses": None, "burst_period_s": None})
+    recorded = replace(made, radar=plain, facts={"burst_pulses": made.radar.burst_pulses}, truth=())
     write_recording(recorded, tmp_path / "walk.h5")
     write_frames(recorded, tmp_path / "walk.dgf")
     back = read_recording(tmp_path / "walk.dgf")

@@ -37,9 +37,6 @@ def make_room(far_db, **drift):
     return Conditions(impairments=[clutter, {"kind": "phase_noise", "white_rad": 0.003, **drift}])
 
 
-ROOM, DRIFTING = make_room(-85.0), make_room(-70.0, drift_rad_per_min=1.0, walk_rad_per_sqrt_min=0.5)
-
-
 class Untold:
     """A truth that nobody may look at."""
 
@@ -49,16 +46,11 @@ class Untold:
     __len__ = __getitem__ = __bool__ = __iter__
 
 
-def recording_of(*targets, seed=3, snr_db=20.0, conditions=ROOM, radar=RADAR):
-    made = simulate(Scene(list(targets)), radar, rng=rng(seed), snr_db=snr_db, conditions=conditions)
-    told = made.truth
-    blind = replace(made)
-    object.__setattr__(blind, "truth", Untold())
-    return blind, replace(made, truth=told)
-
-
 def test_a_walker_is_found_in_clutter_with_the_features_of_the_true_gate():
-    blind, told = recording_of(Target(WALK, label="human", range_m=4.5))
+    scene = Scene([Target(WALK, label="human", range_m=4.5)])
+    told = simulate(scene, RADAR, rng=rng(3), snr_db=20.0, conditions=make_room(-85.0))
+    blind = replace(told)
+    object.__setattr__(blind, "truth", Untold())
     found, true = analyze(blind), analyze(told, gate="truth", analysis=Analysis(clutter="mean"))[0]
     assert len(found) == 1
     (result,) = found
@@ -230,7 +222,8 @@ def test_a_pause_of_nine_seconds_is_inside_one_result():
 
 @pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
 def test_a_drifting_clock_makes_nobody_of_an_empty_room():
-    made = simulate(Scene([], duration_s=12.0), RADAR, rng=rng(0), conditions=DRIFTING)
+    drifting = make_room(-70.0, drift_rad_per_min=1.0, walk_rad_per_sqrt_min=0.5)
+    made = simulate(Scene([], duration_s=12.0), RADAR, rng=rng(0), conditions=drifting)
     assert analyze(made) == []
     as_it_is = remove_static_clutter(made.baseband, kind="mean")
     scans = find_scans(as_it_is, Detector(clutter="none"), wavelength_m=RADAR.wavelength_m)

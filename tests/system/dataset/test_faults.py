@@ -331,21 +331,16 @@ def test_a_folder_that_cannot_be_written_is_one_error(tmp_path):
             build_dataset(mini_plan(), "/proc/d", executor="serial")
 
 
-def let_one_fail(monkeypatch, error):
-    """Raise an error in place of one example."""
+@pytest.mark.parametrize(("share", "complete"), [(0.0, False), (0.24, False), (0.25, True), (1.0, True)])
+def test_an_error_of_an_example_is_recorded_within_the_share_that_may_fail(tmp_path, monkeypatch, share, complete):
     real = shard.simulate_example
 
     def fail(example, *arguments, **options):
         if example.id == "dog-000001":
-            raise error
+            raise FloatingPointError("invalid value encountered in sqrt")
         return real(example, *arguments, **options)
 
     monkeypatch.setattr(shard, "simulate_example", fail)
-
-
-@pytest.mark.parametrize(("share", "complete"), [(0.0, False), (0.24, False), (0.25, True), (1.0, True)])
-def test_an_error_of_an_example_is_recorded_within_the_share_that_may_fail(tmp_path, monkeypatch, share, complete):
-    let_one_fail(monkeypatch, FloatingPointError("invalid value encountered in sqrt"))
     report = build_dataset(mini_plan(), tmp_path, executor="serial", max_failed_share=share)
     assert report.too_many_failed is not complete
     assert json.loads((tmp_path / "dataset.json").read_text())["complete"] is complete
