@@ -17,11 +17,10 @@ from hypothesis import strategies as st
 from doppelgait import pipeline
 from doppelgait.cli.analyze import print_features
 from doppelgait.core.errors import AnalysisError, ConfigError, OutputError
-from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, Signal, make_array
+from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
 from doppelgait.features import GaitFeatures
 from doppelgait.pipeline.result import LABELLED_ARRAYS, LateArrays
 from doppelgait.pipeline.result_files import is_result_file
-from doppelgait.pipeline.target import Gated, analyze_signature, analyze_targets
 from doppelgait.processing import Analysis, Gate
 
 WALK = {"kind": "boulic", "speed_mps": 1.3, "height_m": 1.75}
@@ -39,27 +38,6 @@ ANALYSES = {
 @pytest.fixture(scope="module")
 def recording():
     return pipeline.run_simulation(pipeline.parse_run(SCENE, where="scene"))
-
-
-def test_targets_are_analysed_together_as_alone(recording):
-    first = pipeline.analyze(recording, gate="truth", analysis=Analysis(hop=10))[0]
-    mu, rng = first.signature, np.random.default_rng(4)
-    noise = [mu.values.max() * level * rng.exponential(size=mu.shape).astype(np.float32) for level in (0.01, 0.3)]
-    still = mu.copy(data=np.broadcast_to(mu.values[:1], mu.shape).copy())
-    several = [mu, mu.copy(data=noise[0] + mu.values), mu[:200], mu.copy(data=noise[1])]
-    several += [still, mu[:, 1:], mu[40:240], mu]
-    several += [mu.copy(data=mu.values[::-1] + noise[0]), mu.copy(data=np.zeros_like(mu.values))]
-    several += [mu.copy(data=mu.values + level * noise[1]) for level in np.linspace(0.0, 1.0, 6, dtype=np.float32)]
-    analyses = [Analysis(method="liland2018") if n == 7 else Analysis(normalisation="r4") for n in range(len(several))]
-    gates, labels = [first.gate] * len(several), [str(n) for n in range(len(several))]
-    signals = [Signal.of(mu, SIGNATURE) for mu in several]
-    together = analyze_targets([Gated(*facts) for facts in zip(signals, gates, analyses, labels, strict=True)])
-    assert together == [
-        analyze_signature(mu, first.gate, analysis, label=label)
-        for mu, analysis, label in zip(several, analyses, labels, strict=True)
-    ]
-    assert len({result.gait_frequency_hz for result in together}) > 5
-    assert analyze_targets([]) == []
 
 
 @pytest.fixture(scope="module")
