@@ -172,6 +172,7 @@ MISTAKES = {
             ({"gate": "trut"}, r"for example 1\.2:2\.8, or \(1\.2, 2\.8\) in Python"),
             ({"recording": 3}, r"recording: int is not allowed; give a path, or doppelgait.radar.read_rec"),
             ({"analysis": {"hop": 4}}, r"analysis: dict is not allowed"),
+            ({"tracking": {"pieces": 3}}, r"tracking: dict is not allowed"),
             ({"gate": "track", "gate_error_m": 0.1}, r"gate_error_m: .* with gate='truth'"),
             ({"gate": "truth", "gate_error_m": float("nan")}, r"gate_error_m: .* with gate='truth'"),
         ],
@@ -182,6 +183,7 @@ MISTAKES = {
         ),
         [
             ({"scene": SCENE}, r"scene: dict is not allowed; make one with doppelgait.Scene"),
+            ({"radar": {"preset": "x4"}}, r"radar: dict is not allowed"),
             ({"snr_db": float("-inf")}, r"snr_db is -inf"),
             ({"snr_db": "20"}, r"snr_db: str is not allowed; give a number of dB"),
             ({"rng": None, "conditions": Conditions(impairments=[CLUTTER])}, "pass rng"),

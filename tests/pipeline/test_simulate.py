@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import doppelgait as dg
-from doppelgait.core.errors import ConfigError, OutputError
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning, OutputError
 from doppelgait.pipeline import Conditions, parse_run, run_simulation
 from doppelgait.radar import Radar, Recording, open_stream, read_recording, write_recording
 from doppelgait.radar.frames import write_frames
@@ -78,6 +78,21 @@ def test_frames_in_bursts_are_streamed_with_their_times(tmp_path):
             assert (stream.radar.burst_pulses, stream.radar.burst_period_s) == (128, pytest.approx(0.2))
         np.testing.assert_allclose([time_s for time_s, _ in items], made.slow_time_s, rtol=0, atol=1e-12)
         np.testing.assert_array_equal(np.stack([row for _, row in items]), made.samples.matrix)
+
+
+def test_of_a_file_with_lost_frames_whole_bursts_are_kept_at_their_times(tmp_path):
+    made = simulate(Radar.preset("infineon-24-burst"))
+    write_frames(made, tmp_path / "walk.dgf")
+    content = (tmp_path / "walk.dgf").read_bytes()
+    size = 16 + 16 + 8
+    start = len(content) - 16 - size * made.n_pulses
+    lost = start + size * 300, start + size * 310  # in the third burst
+    (tmp_path / "walk.dgf").write_bytes(content[: lost[0]] + content[lost[1] :])
+    with pytest.warns(DoppelgaitWarning, match="1 incomplete bursts are ignored"):
+        back = read_recording(tmp_path / "walk.dgf")
+    kept = np.delete(np.arange(made.n_pulses), np.s_[256:384])
+    np.testing.assert_array_equal(back.samples.matrix, made.samples.matrix[kept])
+    np.testing.assert_allclose(back.slow_time_s, made.slow_time_s[kept], rtol=0, atol=1e-12)
 
 
 def test_only_whole_bursts_are_simulated():

@@ -110,6 +110,14 @@ def test_a_gate_beside_the_target_sees_nothing_and_one_outside_the_frame_is_refu
         signature(y, fixed_gate(y, centre_m=7.0), Analysis(), wavelength_m=WAVELENGTH_M)
 
 
+def test_baseband_that_is_not_one_is_refused():
+    y = tone(0.0)
+    with pytest.raises(AnalysisError, match="units"):
+        signature(y.assign_attrs(units="A"), fixed_gate(y), Analysis(), wavelength_m=WAVELENGTH_M)
+    with pytest.raises(AnalysisError, match="dimensions"):
+        signature(y.transpose(), fixed_gate(y), Analysis(), wavelength_m=WAVELENGTH_M)
+
+
 @pytest.mark.parametrize("hop", [1, 5, 8])
 @pytest.mark.parametrize("noisy", [False, True])
 def test_tiles_of_time_give_the_bytes_of_the_whole(hop, noisy, monkeypatch):

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -139,6 +140,9 @@ def test_plan_prints_the_table_and_reports_progress(plan_file, planned, monkeypa
     done = run("dataset", "plan", str(plan_file), "--pilot", "0")
     assert "drawing examples: 28 of 28" in done.stderr
     assert "checking ranges and speeds: 28 of 28" in done.stderr
+    assert "pilot" not in run("dataset", "plan", str(plan_file), "--pilot", "2").stderr  # of a pipe
+    monkeypatch.setattr("typer.get_text_stream", lambda name: SimpleNamespace(isatty=lambda: name == "stderr"))
+    assert "simulating the pilot: 2 of 2" in run("dataset", "plan", str(plan_file), "--pilot", "2").stderr
     answer = run("dataset", "plan", str(plan_file), "--pilot", "0", "--json")
     assert answer.stderr == ""
     found = json.loads(answer.stdout)["feasibility"]

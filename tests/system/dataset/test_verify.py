@@ -360,6 +360,20 @@ def test_changed_rows_fail_by_name(copy, rows, share, names, words):
     assert words in found.check(names[0]).summary
 
 
+def test_a_curtain_and_its_image_in_the_floor_are_no_part_of_the_snr(tmp_path):
+    plan = small_plan(
+        environment=[{"kind": "ground_bounce", "material": "concrete"}],
+        dataset={"name": "room", "examples_per_class": 8, "shard_size": 8},
+        background=[
+            {"motion": {"kind": "curtain"}, "start_position_m": [3, 1], "heading_deg": 0, "rcs": {"total_m2": 0.1}}
+        ],
+    )
+    build_dataset(plan, tmp_path / "room", executor="serial")
+    check = verify(tmp_path / "room", share=1.0).check("measured SNR")
+    assert check.status == "passed", check.summary
+    assert check.numbers["largest_error_db"] < 0.1
+
+
 def test_an_empty_room_is_allowed_and_judged_without_the_level_of_echoes(tmp_path):
     classes = [*small_plan().model_dump()["classes"][:1], {"label": "nobody", "motion": "none"}]
     plan = small_plan(dataset={"name": "room", "examples_per_class": 12}, classes=classes, noise={})
