@@ -45,6 +45,21 @@ def sensor(tmp_path: Path) -> Path:
     return path
 
 
+def test_every_example_draws_its_sensor_from_the_file(sensor: Path) -> None:
+    laid_out = plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent)
+    runs = [laid_out.example(n).run for n in range(40)]
+    figures = np.array([run.radar.noise_figure_db for run in runs])
+    jitters = np.array([run.impairments[1].white_rad for run in runs])
+    levels = np.array([run.impairments[0].levels[0][1] for run in runs])
+    assert abs(figures.mean() - 8.0) < 4 * 1.5 / np.sqrt(40)
+    assert 1.0 < figures.std() < 2.1
+    assert 0.001 <= jitters.min() < 0.0015 < 0.0025 < jitters.max() <= 0.003
+    assert 2.0 < levels.std() < 4.2
+    for one, other in ((figures, jitters), (figures, levels), (jitters, levels)):  # streams of their own
+        assert abs(np.corrcoef(one, other)[0, 1]) < 0.5
+    assert {run.impairments[0].levels[1][1] for run in runs} == {-90.0}
+
+
 def test_a_key_of_the_plan_replaces_a_draw_and_shifts_no_other(sensor: Path) -> None:
     sampled = plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent).example(3).run
     fixed = plan_dataset(plan_of("my-sensor.toml", noise_figure_db=5.0), folder=sensor.parent).example(3).run

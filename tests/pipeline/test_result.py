@@ -17,10 +17,11 @@ from hypothesis import strategies as st
 from doppelgait import pipeline
 from doppelgait.cli.analyze import print_features
 from doppelgait.core.errors import AnalysisError, ConfigError, OutputError
-from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
+from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, Signal, make_array
 from doppelgait.features import GaitFeatures
 from doppelgait.pipeline.result import LABELLED_ARRAYS, LateArrays
 from doppelgait.pipeline.result_files import is_result_file
+from doppelgait.pipeline.target import Gated, analyze_signature, analyze_targets
 from doppelgait.processing import Analysis, Gate
 
 WALK = {"kind": "boulic", "speed_mps": 1.3, "height_m": 1.75}
@@ -49,6 +50,25 @@ def written(recording, tmp_path_factory):
         pipeline.write_results(folder / f"{name}.h5", recording, results)
         made[name] = (folder / f"{name}.h5", results)
     return made
+
+
+def test_targets_are_analysed_together_as_alone(recording):
+    first = pipeline.analyze(recording, gate="truth", analysis=Analysis(hop=10))[0]
+    mu, rng = first.signature, np.random.default_rng(4)
+    noise = 0.3 * mu.values.max() * rng.exponential(size=mu.shape).astype(np.float32)
+    still, silence = np.broadcast_to(mu.values[:1], mu.shape).copy(), np.zeros_like(mu.values)
+    several = [mu, mu[:200], mu[:, 1:], mu[40:240], *(mu.copy(data=values) for values in (noise, still, silence))]
+    several += [mu.copy(data=mu.values + level * noise) for level in np.linspace(0.0, 1.0, 6, dtype=np.float32)]
+    analyses = [Analysis(method="liland2018") if n == 7 else Analysis(normalisation="r4") for n in range(len(several))]
+    gates, labels = [first.gate] * len(several), [str(n) for n in range(len(several))]
+    signals = [Signal.of(mu, SIGNATURE) for mu in several]
+    together = analyze_targets([Gated(*facts) for facts in zip(signals, gates, analyses, labels, strict=True)])
+    assert together == [
+        analyze_signature(mu, first.gate, analysis, label=label)
+        for mu, analysis, label in zip(several, analyses, labels, strict=True)
+    ]
+    assert len({result.gait_frequency_hz for result in together}) > 5
+    assert analyze_targets([]) == []
 
 
 @pytest.mark.parametrize("name", ANALYSES)
