@@ -50,6 +50,15 @@ def test_times_changes_no_draw_by_more_than_its_factor(turned):
     assert together["speed_mps"] == alone["speed_mps"] * alone["height_m"]
 
 
+def test_times_takes_plain_numbers_choices_cycles_and_products():
+    choice = {"choice": [{"uniform": [1, 1]}, {"uniform": [2, 2], "times": "b"}]}
+    table = {"a": {"cycle": [1, 2], "times": "b"}, "b": 10, "c": {"normal": [1, 0], "times": "a"}, "d": choice}
+    found = [draw(table, n) for n in range(30)]
+    assert found[3]["a"] == 20.0
+    assert found[3]["c"] == 20.0
+    assert {d["d"] for d in found} == {1.0, 20.0}
+
+
 @pytest.mark.parametrize(
     ("table", "says"),
     [

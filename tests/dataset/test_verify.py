@@ -36,6 +36,14 @@ def walkers(n=40, **changes):
     return pd.DataFrame({**table, **changes})
 
 
+def test_honest_features_pass_and_their_rms_is_right():
+    found = truth.check_velocity(contents(walkers()))
+    assert found.status == "passed"
+    assert found.numbers["dog"]["rms"] == pytest.approx(0.02)
+    assert found.numbers["dog"] == {"rows": 20, "share_inside": 1.0, "rms": pytest.approx(0.02)}
+    assert truth.check_gait_frequency(contents(walkers())).status == "passed"
+
+
 def test_single_wrong_estimates_do_not_fail_a_class():
     table = walkers()
     table.loc[:7, "gait_frequency_hz"] *= 2
@@ -119,6 +127,26 @@ def test_model_walkers_with_the_same_parameters_in_two_splits_are_a_warning():
     found = check_groups(contents(people(source="model", recording="", motion=["x", "y", "x", "z"])))
     assert found.status == "warning"
     assert found.numbers["same_walkers"] == 2
+
+
+def test_a_picture_ignores_level_and_tells_shapes_apart():
+    rng = np.random.default_rng(0)
+    power = rng.exponential(size=(200, 130))
+    power[:, 60:64] += 500 * (1 + np.sin(np.arange(200) / 9))[:, None]
+    one = integrity.make_picture(power)
+    assert one @ one == pytest.approx(1, abs=1e-5)
+    assert one @ integrity.make_picture(7.0 * power) == pytest.approx(1, abs=1e-5)
+    other = power.copy()
+    other[:, 60:64] = rng.exponential(size=(200, 4))
+    assert one @ integrity.make_picture(other) < 0.5
+    assert integrity.make_picture(np.zeros((3, 5))) @ one == 0
+
+
+def test_averages_are_those_of_the_parts():
+    values = np.arange(20.0).reshape(10, 2)
+    expected = [part.mean(axis=0) for part in np.array_split(values, 5)]
+    assert np.allclose(integrity._average(values, 5), expected)
+    assert np.allclose(integrity._average(values[:2], 4)[:, 0], [0, 0, 2, 2])
 
 
 def test_the_search_finds_the_nearest_of_a_brute_force(monkeypatch):
@@ -213,6 +241,15 @@ def test_balanced_accuracy_is_that_of_scikit_learn():
     guesses[:, 3] = rng.integers(0, 2, 50)
     expected = [balanced_accuracy_score(labels[:, n], guesses[:, n]) for n in range(4)]
     assert leakage.balanced_accuracy(labels, guesses, 3) == pytest.approx(expected)
+
+
+def test_many_columns_of_labels_are_scored_as_each_alone():
+    table = parameters(60, leak=1.0)
+    cells = leakage.make_cells([table[name] for name in "abc"])
+    rng = np.random.default_rng(0)
+    folds, labels = rng.integers(0, 5, 60), rng.integers(0, 2, (60, 7))
+    together = leakage.score_folds(cells, folds, labels)
+    assert together == pytest.approx([leakage.score_folds(cells, folds, labels[:, [n]])[0] for n in range(7)])
 
 
 def test_likelihoods_of_one_parameter_are_those_counted_by_hand():

@@ -18,10 +18,13 @@ from doppelgait.core.errors import (
     RecordingError,
 )
 from doppelgait.core.files import open_atomically
+from doppelgait.core.frames import SlowTime
 from doppelgait.core.rng import rng
+from doppelgait.core.samples import Samples
 from doppelgait.motion import boulic_walk, quadruped_gait, read
 from doppelgait.pipeline import Conditions, analyze, parse_run, run_simulation, simulate
-from doppelgait.processing import Analysis
+from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.signature import make_gated_transform
 from doppelgait.radar import Radar, write_recording
 from doppelgait.radar.simulate import warn_of_limits
 from doppelgait.scene import RcsSpec, Scene, Target, assemble
@@ -57,6 +60,23 @@ def test_a_data_matrix_that_cannot_fit_is_refused():
     radar = Radar.preset("x4-long", range_stop_m=5000.0, prf_hz=9000)
     with pytest.raises(ConfigError, match=r"more than 2e\+09 samples"):
         simulate(Scene([Target(boulic_walk(speed_mps=1.0, duration_s=30.0))]), radar)
+
+
+def test_noise_reaches_every_cell_that_the_signature_reads():
+    """Of all pulses and bins, those not declared needed may hold anything."""
+    slow_time_s, range_m = np.arange(700) / 1000.0, 1.0 + 0.05 * np.arange(60)
+    gate = Gate.around(slow_time_s, 3.5 - 1.7 * slow_time_s, span_m=0.9, source="given")
+    for analysis in (Analysis(), Analysis(hop=1), Analysis(method="liland2018")):
+        cut = make_gated_transform(gate, SlowTime(slow_time_s), range_m, analysis)
+        needed, plan = cut.find_needed_pulses(), cut.transform
+        margin = plan.n_doppler_bins - plan.window.size + 2 * plan.hop
+        planes = np.random.default_rng(0).standard_normal((2, 60, 700)).astype(np.float32)
+        expected = cut.sum_power(Samples.from_planes(planes, 700))
+        for n, (first, stop) in enumerate(needed):
+            planes[:, n, :first] = planes[:, n, max(stop, first) :] = 1e6
+            planes[:, n, :first] = planes[:, n, max(stop + margin, first) :] = np.nan
+        np.testing.assert_array_equal(cut.sum_power(Samples.from_planes(planes, 700)), expected)
+        assert (needed[:, 1] - needed[:, 0]).clip(0).sum() < 0.9 * 60 * 700
 
 
 def test_a_cropped_signature_is_thinned_from_the_same_columns():

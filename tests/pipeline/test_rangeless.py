@@ -110,6 +110,15 @@ def test_a_cheap_module_has_the_features_of_a_good_one(change, flags, gate):
     assert not any(flag == "may_be_more_than_one_body" for flag in found.flags)
 
 
+@pytest.mark.parametrize("speed_mps", [0.3, np.linspace(0.8, 1.5, 8000)])
+def test_one_side_has_bandwidth_and_power_of_both(speed_mps):
+    """The second body's line drifts: its signature is aligned."""
+    both, one = (module(change, speed_mps=speed_mps) for change in (lambda y, turn: y, lambda y, turn: y.real))
+    (good,), (found,) = analyze(both, gate=(0.0, 10.0)), analyze(one, gate=(0.0, 10.0))
+    assert found.features.doppler_bandwidth_hz == pytest.approx(good.features.doppler_bandwidth_hz, rel=0.05)
+    assert float(found.signature.sum()) == pytest.approx(float(good.signature.sum()) / 2, rel=0.1)
+
+
 def test_one_output_can_be_stated():
     """An analytic signal has a Q that does not repeat I."""
     frames = module(lambda y, turn: hilbert(y.real), speed_mps=-1.1)

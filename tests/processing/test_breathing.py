@@ -9,6 +9,7 @@ from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing.breathing import (
     BreathingSettings,
+    compute_breath_spectrum,
     compute_displacement,
     explain_no_breathing,
     find_breathing,
@@ -189,6 +190,13 @@ def radar_folder(shared):
 def found_in(recording, **chosen):
     part = recording.baseband.sel(slow_time=slice(*chosen["between_s"])) if chosen else recording.baseband
     return find_breathing(Frames.of(part), wavelength_m=recording.radar.wavelength_m)
+
+
+def test_windows_overlap_by_half_and_cover_the_recording():
+    spectrum = compute_breath_spectrum(noise(np.random.default_rng(4), 1200, 2), 10.0, BreathingSettings())
+    assert spectrum.starts.tolist() == [0, 150, 300, 450, 600, 750, 900]
+    assert spectrum.window_s == 30
+    assert compute_breath_spectrum(noise(np.random.default_rng(4), 400, 2), 10.0, BreathingSettings()).window_s == 40
 
 
 def breaths_hz(recording):

@@ -51,6 +51,13 @@ def test_detrending_removes_polynomials_and_nothing_else_e31():
     )
 
 
+def test_zeroth_line_is_the_mean_e30():
+    values = np.random.default_rng(1).random((300, 3))
+    found = processing.cadence_map(rows_of(values), tapered=False)
+    np.testing.assert_allclose(found.values[0], values.mean(axis=0))
+    np.testing.assert_allclose(processing.mean_doppler_spectrum(rows_of(values)), values.mean(axis=0))
+
+
 @pytest.mark.parametrize(("seconds", "tapered"), [(2.0, False), (3.9, False), (4.0, True), (4.1, True), (6.0, True)])
 def test_taper_is_rectangular_below_4_s_and_hann_from_there_e30(seconds, tapered):
     found = processing.cadence_map(rows_of(wave(10.0, seconds)))

@@ -43,6 +43,17 @@ def test_line_is_robust_against_columns_in_which_a_leg_is_strongest():
     assert np.abs(found - wanted).max() < 2.0
 
 
+def test_the_time_taper_lessens_the_bias_of_steps_that_are_cut_off_e34():
+    t = 0.008 * np.arange(300)
+    errors = {tapered: [] for tapered in (False, True)}
+    for phase in np.arange(0, 2 * np.pi, 0.5):
+        mu = line_signature(60 + 5 * np.sin(2 * np.pi * 1.05 * t + phase))  # 2.5 periods
+        for tapered in errors:
+            errors[tapered].append(main_line_hz(mu, order=1, tapered=tapered).mean() - 60)
+    rms = {tapered: np.sqrt(np.mean(np.square(e))) for tapered, e in errors.items()}
+    assert rms[True] < 0.7 * rms[False]
+
+
 @pytest.mark.parametrize(("seconds", "order"), [(1.0, 1), (1.29, 1), (1.31, 2), (2.49, 2), (2.51, 3), (10, 3)])
 def test_order_of_the_line_e29(seconds, order):
     assert choose_line_order(seconds) == order
