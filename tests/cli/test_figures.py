@@ -1,10 +1,12 @@
 """Figures of ``analyze``: no fault that a reader would see, and vector files."""
 
 import pytest
+from matplotlib import rcParams
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import doppelgait as dg
-from doppelgait.cli.figures import make_figures
+from doppelgait.cli.figures import make_figures, save_figures
+from doppelgait.core.errors import ConfigError
 from doppelgait.viz.style import fit_to_paper
 from figure_faults import faults
 
@@ -22,6 +24,19 @@ def test_a_frame_rate_too_low_for_doppler_leaves_out_one_figure(analysed, capsys
     assert "0-human-signature" in names
     assert not [name for name in names if "range-doppler" in name]
     assert "note: no figure 0-human-range-doppler: cpi_s = 0.001" in capsys.readouterr().err
+
+
+def test_figures_are_chosen_and_have_limits(analysed, tmp_path, monkeypatch):
+    monkeypatch.setitem(rcParams, "image.cmap", rcParams["image.cmap"])
+    settings = (*analysed, dg.Analysis().resolved(None), 25.0, (-200.0, 200.0))
+    paths = save_figures(*settings, folder=tmp_path, only="dog-signature", colormap="gray")
+    assert [path.name for path in paths] == ["1-dog-signature.png", "1-dog-signature-normalised.png"]
+    axes = dict(make_figures(*settings))["1-dog-signature"].axes[0]
+    low_db, high_db = axes.images[0].get_clim()
+    assert (axes.get_ylim(), high_db - low_db, axes.images[0].get_cmap().name) == ((-200.0, 200.0), 25.0, "gray")
+    for wrong in ({"only": "sgnature"}, {"colormap": "jett"}):
+        with pytest.raises(ConfigError, match=r"--(only sgnature|colormap jett): "):
+            list(save_figures(*settings, folder=tmp_path, **wrong))
 
 
 @pytest.mark.filterwarnings("error::UserWarning")

@@ -16,17 +16,6 @@ def triples(entries):
     return [(entry.recording, entry.label, entry.subject) for entry in entries]
 
 
-def test_the_names_of_the_glasgow_set(tmp_path):
-    touch(tmp_path, "1 December/1P36A01R01.dat", "1 December/6P36A06R02.dat", "2 March/4P01A04R03.dat", "read.me")
-    entries = read_names(tmp_path, "glasgow", gate=(1.0, 5.0))
-    assert triples(entries) == [
-        ("1 December/1P36A01R01.dat", "walking", "36"),
-        ("1 December/6P36A06R02.dat", "falling", "36"),
-        ("2 March/4P01A04R03.dat", "picking up", "01"),
-    ]
-    assert all("10.5525/gla.researchdata.848" in entry.citation and entry.gate == (1.0, 5.0) for entry in entries)
-
-
 def test_folders_and_parts_of_names(tmp_path):
     touch(tmp_path, "Boxing/anna_1.png", "Boxing/ben_x_2.png", "army marching/anna_1.png", "note.txt")
     assert triples(read_names(tmp_path, "{label}/{subject}_*.png")) == [

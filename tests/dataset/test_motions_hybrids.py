@@ -11,10 +11,9 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.motions import add_hybrids, expand_folders, list_motion_files, list_recording_paths
+from doppelgait.dataset.motions import add_hybrids, expand_folders, list_recording_paths
 from doppelgait.dataset.plan import list_names, plan_dataset
 from doppelgait.dataset.resolve import warn_of_recordings
-from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.motion.gait import add_gait_facts
 from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.motion.readers import read as read_motion
@@ -64,21 +63,6 @@ def planned(takes):
         return plan_dataset(plan(), folder=takes)
 
 
-def test_every_clip_has_ranges_and_partners_of_its_family(planned):
-    tables = planned.config.classes[0].motion["cycle"]
-    assert len(tables) == 5
-    partners = {t["path"][6:9]: {o["path"][6:9] for o in t["hybrid"]["other"]["choice"]} for t in tables}
-    assert partners["ann"] == {"ben"}
-    assert partners["ben"] == {"ann"}
-    assert partners["cat"] <= {"dan", "eva"}  # three, because five are odd
-    assert partners["eva"]
-    for table in tables:
-        low, high = table["hybrid"]["speed_factor"]["log_uniform"]
-        assert 0.8 <= low < 0.95
-        assert 1.05 < high <= 1.25
-        assert "loop_to_s" in table
-
-
 def test_every_example_is_another_target_and_the_same_again(planned, takes):
     motions = [planned.example(number).run.scene.targets[0].motion for number in range(40)]
     factors = {(m["path"], m["hybrid"]["speed_factor"], m["hybrid"]["share"]) for m in motions}
@@ -114,17 +98,6 @@ def test_who_is_blended_shares_a_split(planned):
     assert splits["person/ann"] == splits["person/ben"] != splits["person/cat"]
 
 
-def test_the_index_knows_every_subject_and_recording_of_a_row(planned, takes):
-    number = next(n for n in range(40) if planned.example(n).rows[0].others)
-    row = planned.example(number).rows[0]
-    (((written, _),),) = build_planned([planned.examples[number]], BuildContext(planned.config, str(takes), ""))
-    index = pd.DataFrame([written])
-    assert list_names(index, "subject") == [(row.subject, *row.others)]
-    (paths,) = list_names(index, "recording")
-    assert len(paths) == 2
-    assert [f"person/{path[6:9]}" for path in paths] == [row.subject, *row.others]
-
-
 def test_a_path_with_a_plus_is_one_recording():
     motion = '{"kind":"file","path":"a + b.bvh","hybrid":{"other":{"kind":"file","path":"c.bvh"}}}'
     index = pd.DataFrame({
@@ -135,14 +108,6 @@ def test_a_path_with_a_plus_is_one_recording():
     assert list_names(index, "subject") == [()] * 4
     with pytest.raises(DatasetError, match=r"index: motion 'walk' of 'a \+ b\.bvh' cannot be read"):
         list_names(index.assign(motion="walk"), "recording")
-
-
-def test_the_identity_covers_both_files(planned):
-    cycle = planned.config.classes[0].motion["cycle"]
-    only = [table for table in cycle if "cat" in table["path"]]
-    named = list_motion_files(only)
-    assert len(named) > 1
-    assert "takes/cat_1.csv" in named
 
 
 def test_retarget_blends_nobody(takes):

@@ -1,12 +1,10 @@
 """Plans whose preset holds distributions: one sensor per example."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from doppelgait.core.config import format_canonical_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset import PlanConfig, build_dataset, plan_dataset
 from doppelgait.dataset.finish import compute_dataset_id
@@ -47,14 +45,6 @@ def sensor(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_radar_that_draws_nothing_is_parsed_once() -> None:
-    same, drawn = (plan_dataset(plan_of("x4", prf_hz=prf_hz)) for prf_hz in (500, {"choice": [500, 600]}))
-    assert same.example(0).run.radar is same.example(1).run.radar
-    assert {drawn.example(n).run.radar.prf_hz for n in range(20)} == {500, 600}
-    same.config.radar["prf_hz"] = 700  # a plan that is edited is never half old
-    assert same.example(2).run.radar.prf_hz == 700
-
-
 def test_every_example_draws_its_sensor_from_the_file(sensor: Path) -> None:
     laid_out = plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent)
     runs = [laid_out.example(n).run for n in range(40)]
@@ -68,13 +58,6 @@ def test_every_example_draws_its_sensor_from_the_file(sensor: Path) -> None:
     for one, other in ((figures, jitters), (figures, levels), (jitters, levels)):  # streams of their own
         assert abs(np.corrcoef(one, other)[0, 1]) < 0.5
     assert {run.impairments[0].levels[1][1] for run in runs} == {-90.0}
-
-
-def test_an_example_is_the_same_alone_and_after_others(sensor: Path) -> None:
-    first, second = (plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent) for _ in range(2))
-    whole = [format_canonical_json(first.example(n)) for n in range(8)]
-    assert format_canonical_json(second.example(7)) == whole[7]
-    assert len(set(whole)) == 8
 
 
 def test_a_key_of_the_plan_replaces_a_draw_and_shifts_no_other(sensor: Path) -> None:
@@ -131,17 +114,6 @@ def test_errors_name_the_file_and_the_key(sensor: Path, old: str, new: str, said
         plan_dataset(plan_of("none.toml"), folder=sensor.parent).example(0)
 
 
-def test_a_dataset_stores_the_values_of_its_radar_file(sensor: Path) -> None:
-    laid_out = plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent)
-    before = [format_canonical_json(laid_out.example(n)) for n in range(4)]
-    stored = json.loads(laid_out.config.model_dump_json())
-    assert stored["radar"]["preset"]["file"] == "my-sensor.toml"
-    assert stored["radar"]["preset"]["values"]["carrier_hz"] == 7.29e9
-    sensor.unlink()
-    again = plan_dataset(PlanConfig.model_validate(stored), folder=sensor.parent / "elsewhere")
-    assert [format_canonical_json(again.example(n)) for n in range(4)] == before
-
-
 def test_values_in_place_of_the_file_change_no_identity(sensor: Path) -> None:
     config = plan_of({"choice": ["my-sensor.toml", "x4"]})
     stored = plan_dataset(config, folder=sensor.parent).config
@@ -171,19 +143,6 @@ def test_a_build_with_a_changed_radar_file_shows_the_difference(sensor: Path) ->
     found = verify_dataset(target, folder=sensor.parent, rng=np.random.default_rng(0))
     assert found.check("identity").status == "passed"
     assert found.check("re-simulation").status == "passed"
-
-
-def test_verify_checks_the_files_of_an_older_dataset_without_its_radar_file(sensor: Path) -> None:
-    target = build_small(sensor)
-    described = json.loads((target / "dataset.json").read_text(encoding="utf-8"))
-    described["config"]["radar"]["preset"] = "my-sensor.toml"  # as it was stored before
-    (target / "dataset.json").write_text(json.dumps(described), encoding="utf-8")
-    sensor.unlink()
-    found = verify_dataset(target, folder=sensor.parent, rng=np.random.default_rng(0))
-    assert found.check("shards").status == "passed"
-    assert found.check("identity").status == "skipped"
-    assert "my-sensor.toml: cannot be read" in found.check("identity").summary
-    assert "--motion-folder" in found.check("identity").summary
 
 
 def test_the_viewer_simulates_with_stored_values_and_opens_no_radar_file(sensor: Path) -> None:

@@ -10,7 +10,7 @@ from sklearn.metrics import balanced_accuracy_score
 
 from doppelgait.dataset.config import list_some
 from doppelgait.dataset.verify import integrity, leakage, truth
-from doppelgait.dataset.verify.contents import Check, Contents, Verification
+from doppelgait.dataset.verify.contents import Contents
 from doppelgait.dataset.verify.integrity import check_groups
 from doppelgait.dataset.verify.leakage import round_values
 from doppelgait.dataset.verify.truth import check_visible_targets
@@ -198,14 +198,6 @@ def test_a_telling_parameter_is_found_and_named():
     assert found.telling[0][1] > 0.85 > 0.7 > found.telling[1][1]
 
 
-def test_a_value_that_only_one_class_has_is_found():
-    table = parameters(120).drop(columns="a")
-    table["wall"] = np.where(table["label"] == "dog", None, "brick")
-    found = leakage.guess_classes(table, np.random.default_rng(0))
-    assert found.leaks
-    assert found.telling[0][0] == "wall"
-
-
 def test_rows_of_one_group_are_one_observation(monkeypatch):
     """Each group has values of its own: rows of a group in two folds would give its class away."""
     monkeypatch.setattr(leakage, "MAX_PERMUTATIONS", leakage.PERMUTATIONS)  # the accuracy is looked at
@@ -313,17 +305,6 @@ def test_rounding_of_a_level_tells_no_class():
     assert np.isnan(found[4])
     assert found[5] == pytest.approx(1e-30, rel=1e-12)
     assert round_values(pd.Series([0.5, 0.5001])).nunique() == 2
-
-
-def test_a_warning_does_not_fail_a_verification_and_a_skipped_check_is_no_pass():
-    checks = (Check("passed", "", name="a"), Check("warning", "", name="b"), Check("not applicable", "", name="c"))
-    assert Verification(Path("d"), "x", True, checks, (), 0.0).verdict == "passed"
-    unproven = Verification(Path("d"), "x", True, (*checks, Check("skipped", "", name="d")), (), 0.0)
-    assert (unproven.passed, unproven.verdict) == (False, "not proven")
-    failed = Verification(Path("d"), "x", True, (*checks, Check("failed", "no", name="e")), (Path("f.png"),), 0.0)
-    assert not failed.passed
-    assert (failed.as_dict()["passed"], failed.as_dict()["verdict"]) == (False, "failed")
-    assert failed.as_dict()["figures"] == ["f.png"]
 
 
 def test_long_lists_are_cut():

@@ -8,11 +8,8 @@ from matplotlib import colormaps
 from matplotlib.image import imsave
 from PIL import Image
 
-import doppelgait as dg
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.pipeline.pictures import PictureSettings, find_settings_file, is_picture, read_picture
-from doppelgait.pipeline.spectrogram import make_level_gate
-from doppelgait.pipeline.target import analyze_signature
 
 LIGHT_MPS = 299_792_458.0
 TABLE = {
@@ -67,14 +64,6 @@ def test_levels_come_back_within_their_step(tmp_path, colormap):
     assert (facts["floor_db"], facts["ceiling_db"]) == (-45.0, 0.0)
 
 
-def test_whole_pulses_need_no_interpolation(tmp_path):
-    path = draw(tmp_path / "a.png", levels())
-    mu = read_picture(path, settings(prf_hz=1000.0))
-    assert (mu.attrs["hop"], mu.attrs["cpi_pulses"], mu.sizes["time"]) == (40, 100, 100)
-    expected = np.clip(levels(), -45, 0)
-    assert np.abs(10 * np.log10(mu.values) - expected).max() < 2.51 * 45 / 256
-
-
 def test_jpeg_crop_and_axes(tmp_path):
     level_db = levels()
     plain = read_picture(draw(tmp_path / "a.png", level_db), settings(prf_hz=1000.0))
@@ -95,25 +84,6 @@ def test_jpeg_crop_and_axes(tmp_path):
     hz = 4.0 * 2 * 10e9 / LIGHT_MPS
     doppler = read_picture(tmp_path / "a.png", settings(prf_hz=1000.0, velocity_mps=None, doppler_hz=(-hz, hz)))
     assert doppler.velocity.values == pytest.approx(plain.velocity.values)
-
-
-def test_the_features_of_a_walk_survive_its_picture(tmp_path):
-    walk = dg.motion.human_gait(speed_mps=1.3, duration_s=4.0)
-    radar = dg.Radar.preset("x4", prf_hz=1000)
-    seen = dg.simulate(dg.Scene(targets=[dg.Target(walk, range_m=5)]), radar, rng=dg.rng(1), snr_db=25)
-    truth = dg.analyze(seen, gate="truth", analysis=dg.Analysis(cpi_s=0.1))[0]
-    mu = truth.signature
-    level_db = 10 * np.log10(mu.values / mu.values.max() + 1e-12)
-    column_s, row_mps = float(np.diff(mu.time).mean()), float(np.diff(mu.velocity).mean())
-    path = draw(tmp_path / "walk.png", level_db)
-    about = settings(
-        duration_s=column_s * mu.sizes["time"], carrier_hz=radar.carrier_hz, prf_hz=1000,
-        velocity_mps=(float(mu.velocity[0]) - row_mps / 2, float(mu.velocity[-1]) + row_mps / 2),
-    )  # fmt: skip
-    picture = read_picture(path, about)
-    found = analyze_signature(picture, make_level_gate(picture), dg.Analysis(cpi_s=0.1).resolved(None), label=None)
-    assert found.features.torso_velocity_mps == pytest.approx(truth.features.torso_velocity_mps, rel=0.03)
-    assert found.gait_frequency_hz == pytest.approx(truth.gait_frequency_hz, rel=0.03)
 
 
 def test_where_the_settings_are(tmp_path):

@@ -11,11 +11,8 @@ from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import Conditions, analyze, simulate
-from doppelgait.pipeline.rangeless import Motion, find_motion, has_both_directions, observe_motion, transform_motion
+from doppelgait.pipeline.rangeless import Motion, has_both_directions, observe_motion
 from doppelgait.processing import Analysis
-from doppelgait.processing.bursts import average_bursts
-from doppelgait.processing.detect import Detector
-from doppelgait.processing.track import Tracker
 from doppelgait.radar import Radar, Recording, concat
 from doppelgait.radar.readers.text import read_cw_text
 from doppelgait.scene import Scene, Target
@@ -194,17 +191,6 @@ def test_two_who_pass_each_other_are_flagged():
     assert found.n_bodies == 2
 
 
-def test_who_turns_back_has_a_segment_for_each_way():
-    there, back = observed(walker()), observed(walker(2.2, 0.0))
-    values = np.concatenate([there.baseband.values, back.baseband.values])
-    times_s = np.arange(values.shape[0]) / RADAR.prf_hz
-    axes = {"slow_time": times_s, "range": there.range_m}
-    both = there.with_baseband(make_array(BASEBAND, values, axes, there.baseband.attrs), truth=())
-    (found,) = analyze(both)
-    assert [round(segment.features.torso_velocity_mps, 1) for segment in found.segments] == [1.2, -1.2]
-    assert not any(flag == "may_be_more_than_one_body" for flag in found.flags)
-
-
 @pytest.mark.parametrize("make", [lambda recording: recording, in_bursts])
 def test_who_sits_is_found_by_the_breath_and_has_no_bandwidth(make):
     breath = breathing_person(breathing_hz=0.3, amplitude_m=0.004, duration_s=20.0)
@@ -222,14 +208,6 @@ def test_nobody_is_an_empty_list_with_a_reason():
     assert "0.5 m/s" in found.reason
 
 
-def test_time_of_motion_is_that_of_the_line():
-    motion = lines()
-    motion.power_v2[10:30, 60] += 100.0  # 2 m/s
-    assert find_motion(motion, Detector(), Tracker()) == [pytest.approx((1.0, 2.9))]
-    motion.power_v2[34, 60] += 100.0  # one more cell in a while does not count: too few of the scans
-    assert find_motion(lines(), Detector(), Tracker()) == []
-
-
 def test_both_ways_is_more_than_limbs_noise_or_an_image():
     def both(*cells, scans=40):
         motion = lines(*cells, scans=scans)
@@ -241,15 +219,6 @@ def test_both_ways_is_more_than_limbs_noise_or_an_image():
     assert not both((0.2, 5000.0), (1.2, 1000.0), (-0.9, 400.0))  # the limbs of who passes
     assert not both((1.2, 1000.0), (-1.2, 130.0))  # an uneven receiver
     assert not both((1.2, 1000.0), (-0.9, 400.0), scans=2)
-
-
-def test_power_of_bursts_and_of_the_whole_agree():
-    whole = observed(walker())
-    one = transform_motion(whole.frames, Detector(), wavelength_m=RADAR.wavelength_m)
-    other = transform_motion(in_bursts(whole).frames, Detector(), wavelength_m=RADAR.wavelength_m)
-    assert np.median(one.peaks_mps()) == pytest.approx(np.median(other.peaks_mps()), abs=0.1)
-    means = average_bursts(in_bursts(whole).frames)
-    assert means.matrix[3, 0] == pytest.approx(whole.baseband.values[600:700, 0].mean(), rel=1e-5)
 
 
 @pytest.mark.parametrize(("speed_mps", "gap_s", "bodies"), [(1.0, 1.0, 1), (1.0, 3600.0, 2), (1.6, 1.0, 2)])

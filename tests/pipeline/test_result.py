@@ -41,15 +41,24 @@ def recording():
     return pipeline.run_simulation(pipeline.parse_run(SCENE, where="scene"))
 
 
+@pytest.fixture(scope="module")
+def written(recording, tmp_path_factory):
+    """Results by name, each with its file."""
+    folder, made = tmp_path_factory.mktemp("results"), {}
+    for name, analysis in ANALYSES.items():
+        results = pipeline.analyze(recording, gate="track" if name == "track" else "truth", analysis=analysis)
+        pipeline.write_results(folder / f"{name}.h5", recording, results)
+        made[name] = (folder / f"{name}.h5", results)
+    return made
+
+
 def test_targets_are_analysed_together_as_alone(recording):
     first = pipeline.analyze(recording, gate="truth", analysis=Analysis(hop=10))[0]
     mu, rng = first.signature, np.random.default_rng(4)
-    noise = [mu.values.max() * level * rng.exponential(size=mu.shape).astype(np.float32) for level in (0.01, 0.3)]
-    still = mu.copy(data=np.broadcast_to(mu.values[:1], mu.shape).copy())
-    several = [mu, mu.copy(data=noise[0] + mu.values), mu[:200], mu.copy(data=noise[1])]
-    several += [still, mu[:, 1:], mu[40:240], mu]
-    several += [mu.copy(data=mu.values[::-1] + noise[0]), mu.copy(data=np.zeros_like(mu.values))]
-    several += [mu.copy(data=mu.values + level * noise[1]) for level in np.linspace(0.0, 1.0, 6, dtype=np.float32)]
+    noise = 0.3 * mu.values.max() * rng.exponential(size=mu.shape).astype(np.float32)
+    still, silence = np.broadcast_to(mu.values[:1], mu.shape).copy(), np.zeros_like(mu.values)
+    several = [mu, mu[:200], mu[:, 1:], mu[40:240], *(mu.copy(data=values) for values in (noise, still, silence))]
+    several += [mu.copy(data=mu.values + level * noise) for level in np.linspace(0.0, 1.0, 6, dtype=np.float32)]
     analyses = [Analysis(method="liland2018") if n == 7 else Analysis(normalisation="r4") for n in range(len(several))]
     gates, labels = [first.gate] * len(several), [str(n) for n in range(len(several))]
     signals = [Signal.of(mu, SIGNATURE) for mu in several]
@@ -60,17 +69,6 @@ def test_targets_are_analysed_together_as_alone(recording):
     ]
     assert len({result.gait_frequency_hz for result in together}) > 5
     assert analyze_targets([]) == []
-
-
-@pytest.fixture(scope="module")
-def written(recording, tmp_path_factory):
-    """Results by name, each with its file."""
-    folder, made = tmp_path_factory.mktemp("results"), {}
-    for name, analysis in ANALYSES.items():
-        results = pipeline.analyze(recording, gate="track" if name == "track" else "truth", analysis=analysis)
-        pipeline.write_results(folder / f"{name}.h5", recording, results)
-        made[name] = (folder / f"{name}.h5", results)
-    return made
 
 
 @pytest.mark.parametrize("name", ANALYSES)
@@ -98,8 +96,6 @@ def test_parts_are_there_where_they_were_asked_for(written, recording):
         parts["share"].values
     )
     assert np.nanmedian(parts["velocity_mps"].values[0]) == pytest.approx(plain.features.torso_velocity_mps, rel=0.06)
-    (tracked,) = pipeline.analyze(recording, gate="track", analysis=Analysis(parts=True))
-    assert tracked.parts["share"].values == pytest.approx(parts["share"].values, abs=0.05)
     slow = pipeline.analyze(recording, gate="truth", analysis=Analysis(parts=True, cpi_s=0.02))[0]
     assert slow.parts is None
     assert slow.flags[-1] == "parts:torso_slower_than_3_doppler_cells"
@@ -111,14 +107,6 @@ def test_segments_share_what_they_have_in_common_on_disk(written):
     with h5py.File(path) as file:
         longest = next(s for s in file["targets/0/segments"].values() if s["signature"] == file["targets/0/signature"])
         assert longest["cadence_map"] == file["targets/0/cadence_map"]
-
-
-def test_the_settings_that_were_used_are_those_of_the_result(recording):
-    (tracked,) = pipeline.analyze(recording)
-    (asked,) = pipeline.analyze(recording, analysis=Analysis(clutter="mean"))
-    (truth,) = pipeline.analyze(recording, gate="truth")
-    assert [one.analysis.clutter for one in (tracked, asked, truth)] == ["median", "mean", "none"]
-    assert all(segment.analysis == tracked.analysis for segment in tracked.segments)
 
 
 @pytest.mark.parametrize("plain", [{}, [], {"label": None, "gate": "truth"}])
@@ -218,8 +206,6 @@ def test_a_result_is_shown_in_a_few_lines(written):
     assert shown.startswith(f"Result of {result.label}, gate {result.gate_source}\n  torso_velocity_mps ")
     assert f"gait_frequency_hz {result.gait_frequency_hz:.4g}" in shown
     assert shown.index("step length on the ground") < shown.index("step length, radial")
-    assert 2 <= len(shown.splitlines()) <= 5
-    assert repr(pipeline.Result(Analysis())) == "Result of a target of unknown class, gate given"
     assert repr(pipeline.Result(Analysis(), flags=("a",), segments=(result,))).endswith("segments 1, flags a")
 
 
@@ -229,9 +215,6 @@ def test_results_for_no_folder_and_one_result_alone_are_refused(recording, tmp_p
     with pytest.raises(ConfigError, match=r"takes a list of results; write one as .*\[result\]"):
         pipeline.write_results(tmp_path / "x.h5", recording, pipeline.Result(Analysis()))
     assert not list(tmp_path.iterdir())
-
-
-def test_no_target_is_a_result_too(recording, tmp_path):
     pipeline.write_results(tmp_path / "none.h5", recording, [])
     assert pipeline.read_results(tmp_path / "none.h5").targets == ()
 
@@ -263,18 +246,6 @@ def test_damage_is_told(written, tmp_path, part):
         pipeline.read_results(path)
 
 
-def test_results_of_version_0_1_0_are_refused_with_what_to_do(tmp_path):
-    with h5py.File(tmp_path / "old.h5", "w") as file:
-        file.attrs.update({"format": "doppelgait-result", "format_version": 1, "source": "walk.h5", "radar": "{}"})
-        file.create_group("targets/0")
-    with pytest.raises(AnalysisError) as caught:
-        pipeline.read_results(tmp_path / "old.h5")
-    message = str(caught.value)
-    assert "in format version 1; this one reads 2; make it again" in message
-    assert "doppelgait analyze RECORDING -o old.h5" in message
-    assert "\n" not in message
-
-
 def test_what_is_no_result_file(written, tmp_path):
     assert is_result_file(written["truth"][0])
     torn = tmp_path / "torn.h5"
@@ -300,16 +271,8 @@ def test_pauses_between_bursts_count_as_observed():
 
 def test_late_arrays_are_made_once_and_when_they_are_asked_for():
     made = []
-
-    def make():
-        made.append(1)
-        return np.arange(3)
-
-    arrays = LateArrays({"other": 1}, late=make)
-    more = LateArrays(arrays, again=2)
-    assert set(more) == {"other", "late", "again"}
-    assert len(arrays) == 2
-    assert "late" in arrays
+    arrays = LateArrays({"other": 1}, late=lambda: made.append(1) or np.arange(3))
+    assert set(LateArrays(arrays, again=2)) == {"other", "late", "again"}
     assert not made
     assert arrays["late"] is arrays["late"]
     assert len(made) == 1
@@ -331,7 +294,4 @@ def test_people_see_the_step_length_on_the_ground_first_and_doubts_next_to_value
     assert list(rows)[3:5] == ["ground_step_length_m", "step_length_m"]
     assert rows["ground_step_length_m"][-3:] == ["m", "2.140", "-"]
     assert rows["step_length_m"][-3:] == ["2.060", "2.060", "?"]
-    assert rows["torso_velocity_mps"][1:] == ["m/s", "-1.500", "-1.500"]
-    print_features([sure])
-    assert "?" not in capsys.readouterr().out
     assert "2.06 ?" in doubtful._repr_html_()

@@ -13,7 +13,7 @@ from doppelgait.core.samples import Samples
 from doppelgait.processing import Analysis, plan_transform
 from doppelgait.processing.detect import Detector, estimate_noise_map, find_scans, noise_factor
 from doppelgait.processing.detect.maps import compute_maps, estimate_residue_map
-from doppelgait.processing.detect.scans import NO_RANGE_SD_M, find_cells, find_clusters, measure_shapes, merge_groups
+from doppelgait.processing.detect.scans import NO_RANGE_SD_M, find_cells, find_clusters, measure_shapes
 from doppelgait.radar import Radar, link
 from doppelgait.radar.simulate import label_baseband
 
@@ -179,24 +179,6 @@ def test_an_echo_at_the_end_of_the_doppler_axis_is_one_body():
 def test_clusters_are_merged_to_bodies(bodies, expected):
     scan = scans_of(noise(201, 9) + sum(echo(*body, 201) for body in bodies))[0]
     assert len(scan.detections) == expected
-
-
-def test_merging_stays_within_a_scan():
-    mask = np.zeros((2, 32, 20), dtype=bool)
-    mask[0, 5, 5] = mask[1, 5, 6] = mask[1, 5, 12] = True
-    shape = measure_shapes(
-        find_clusters(mask, join_bins=3, join_doppler_bins=3), mask * 10.0, np.ones(20), box_quantile=0.01
-    )
-    group = merge_groups(shape, range_bins=7.0, gap_bins=1.0, limb_gap_bins=5.0, n_doppler=32)
-    assert len(set(group)) == 2
-    assert len(set(group[shape.scan == 1])) == 1
-    group = merge_groups(shape, range_bins=6.0, gap_bins=1.0, limb_gap_bins=5.0, n_doppler=32)
-    assert len(set(group)) == 3
-
-
-def test_noise_alone_is_a_body_a_few_times_a_minute_at_most():
-    count = sum(len(scan.detections) for seed in range(6) for scan in scans_of(noise(5001, seed)))
-    assert count <= 12  # 30 s; 64 % of the cells of an X4, which has about 7 a minute
 
 
 def test_noise_that_bins_share_is_a_body_as_seldom():

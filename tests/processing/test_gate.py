@@ -39,13 +39,6 @@ def test_what_is_no_gate_names_key_and_value(value):
         Gate.parse(value, where="--gate")
 
 
-def test_a_name_or_range_that_is_not_allowed_here():
-    with pytest.raises(ConfigError, match=r"^must be track or FROM:TO"):
-        Gate.parse("truth", names=("track",))
-    with pytest.raises(ConfigError, match=r"0 or more"):
-        Gate.parse("-1:1", lowest_m=0.0)
-
-
 def test_a_fixed_gate_is_cut_to_the_frame():
     gate = Gate.fixed(-5.0, 2.0, time_s=TIMES_S, range_m=CELLS_M)
     assert (gate.low_m[0], gate.high_m[0], gate.start_s, gate.stop_s) == (0.75, 2.0, 0.0, 2.0)
@@ -80,8 +73,3 @@ def test_gates_overlap_where_they_share_ranges_at_a_time_of_both():
     assert gate.overlaps(Gate.fixed(1.9, 3.0, time_s=[0.5, 3.0]))
     assert not gate.overlaps(Gate.fixed(2.1, 3.0, time_s=[0.0, 1.0]))
     assert not gate.overlaps(Gate.fixed(1.0, 2.0, time_s=[5.0, 6.0]))
-
-
-def test_a_part_of_a_gate_keeps_its_times():
-    gate = Gate.around(TIMES_S, TIMES_S, span_m=1.0).during(0.5, 1.0)
-    np.testing.assert_allclose(gate.time_s, [0.5, 0.6, 0.7, 0.8, 0.9, 1.0])

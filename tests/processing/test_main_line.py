@@ -43,13 +43,6 @@ def test_line_is_robust_against_columns_in_which_a_leg_is_strongest():
     assert np.abs(found - wanted).max() < 2.0
 
 
-def test_mean_of_the_straight_line_is_the_torso_velocity_under_a_step_oscillation_e34():
-    t = 0.008 * np.arange(375)
-    oscillation = 60 + 6 * np.sin(2 * np.pi * 1.9 * t + 0.4)
-    found = main_line_hz(line_signature(oscillation), order=1)
-    assert found.mean() == pytest.approx(60, abs=1.0)  # 1 Hz is 0.02 m/s
-
-
 def test_the_time_taper_lessens_the_bias_of_steps_that_are_cut_off_e34():
     t = 0.008 * np.arange(300)
     errors = {tapered: [] for tapered in (False, True)}

@@ -46,19 +46,6 @@ def test_a_line_lies_at_its_velocity_and_level():
     assert found[5, 32] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_energy_is_kept_by_the_grid():
-    rng = np.random.default_rng(0)
-    power = rng.random((250, 161)) + 0.1
-    velocity = a_signature(power).velocity.values
-    power[:, np.abs(velocity) > 7.0] = floor = 1e-3
-    array = a_signature(power)
-    spec = Patch(range_db=120.0)
-    over = 10 ** (levels(array, spec) * 12.0)
-    inside = np.abs(velocity) <= 6.2
-    seen = np.abs(spec.edges_mps[:-1] + 0.1) <= 6.2
-    assert over[seen].mean() * floor == pytest.approx(power[:, inside].mean(), rel=0.01)
-
-
 def test_gain_and_sampling_do_not_matter():
     reference = patch(of_body())
     assert np.allclose(patch(of_body(gain=1e-9)), reference, atol=1e-4)

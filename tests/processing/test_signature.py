@@ -1,15 +1,28 @@
-"""Window, transform plan, gate, signature (E-20 to E-27)."""
+"""Window, transform plan, gate, signature (E-20 to E-27); a gate that reaches beyond the frame."""
 
 import numpy as np
 import pytest
 
-from doppelgait.core.errors import AnalysisError
+from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.frames import SlowTime
 from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.core.rng import rng
 from doppelgait.core.samples import Samples
-from doppelgait.processing import Analysis, Gate, gaussian_window, range_doppler, signature
+from doppelgait.motion import boulic_walk
+from doppelgait.pipeline import analyze, simulate
+from doppelgait.processing import (
+    Analysis,
+    Gate,
+    crop_to_frame,
+    gaussian_window,
+    noise_floor_v2,
+    range_doppler,
+    signature,
+)
 from doppelgait.processing.config import find_fast_length, plan_transform
 from doppelgait.processing.signature import make_gated_transform
+from doppelgait.radar import Radar, add_noise
+from doppelgait.scene import Scene, Target
 
 WAVELENGTH_M = 0.0411238
 LONG = 1 << 18
@@ -97,16 +110,6 @@ def test_a_gate_beside_the_target_sees_nothing_and_one_outside_the_frame_is_refu
         signature(y, fixed_gate(y, centre_m=7.0), Analysis(), wavelength_m=WAVELENGTH_M)
 
 
-def test_cells_outside_the_doppler_gate_are_zero_e27():
-    y = tone(70.0)
-    gate = fixed_gate(y, doppler_hz=(-100.0, 50.0))
-    mu = signature(y, gate, Analysis(doppler_bins=512), wavelength_m=WAVELENGTH_M)
-    doppler_hz = mu.coords["doppler"].values
-    inside = (doppler_hz >= -100) & (doppler_hz <= 50)
-    assert not mu.values[:, ~inside].any()
-    assert mu.values[:, inside].all()
-
-
 def test_baseband_that_is_not_one_is_refused():
     y = tone(0.0)
     with pytest.raises(AnalysisError, match="units"):
@@ -153,3 +156,53 @@ def test_range_doppler_maps_of_a_long_recording_are_those_of_the_whole(method, m
         np.testing.assert_allclose(maps(block=block), whole, rtol=0, atol=1e-6 * whole.max())
     monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", 100)
     np.testing.assert_array_equal(maps(), whole)
+
+
+POWER_V2 = 2e-9
+
+
+def noise_signature(centre_m):
+    """Signature of noise alone in a gate that moves as given, in a frame of 0 to 9.6 m."""
+    slow_time_s, range_m = np.arange(4000) / 1000, 0.0514 * np.arange(188)
+    silent = make_array(BASEBAND, np.zeros((4000, 188), np.complex64), {"slow_time": slow_time_s, "range": range_m})
+    noisy = add_noise(silent, noise_power_v2=POWER_V2, rng=np.random.default_rng(3))
+    track = np.broadcast_to(centre_m, slow_time_s.shape).astype(float)
+    gate = Gate.around(slow_time_s, track, span_m=1.6, source="given")
+    return signature(noisy, gate, Analysis(), wavelength_m=WAVELENGTH_M)
+
+
+@pytest.mark.parametrize(("centre_m", "share"), [(5.0, 1.0), (9.6, 0.52), (0.3, 0.7)])
+def test_a_cut_gate_has_its_share_and_the_noise_floor_of_a_whole_one(centre_m, share):
+    mu = noise_signature(centre_m)
+    assert mu.coords["gate_share"].values == pytest.approx(share, abs=0.02)
+    expected = POWER_V2 * mu.attrs["window_energy"] * mu.attrs["n_gate_bins"]
+    assert noise_floor_v2(crop_to_frame(mu)[0]) == pytest.approx(expected, rel=0.03)
+
+
+def test_the_time_outside_is_left_out_and_a_gate_inside_is_left_as_it_is():
+    inside = noise_signature(5.0)
+    kept, share = crop_to_frame(inside)
+    assert kept is inside
+    assert share == 1.0
+    mu = noise_signature(np.linspace(7.0, 12.0, 4000))
+    kept, share = crop_to_frame(mu)
+    assert kept.coords["gate_share"].values.min() >= 0.5
+    assert kept.sizes["time"] == (mu.coords["gate_share"].values >= 0.5).sum()
+    assert share == pytest.approx(mu.coords["gate_share"].values.mean())
+
+
+def test_a_gate_that_is_hardly_ever_inside_is_refused():
+    with pytest.raises(AnalysisError, match="outside the recorded frame for all but"):
+        crop_to_frame(noise_signature(np.linspace(9.62, 14.0, 4000)))
+
+
+def test_a_walker_who_leaves_the_frame_keeps_his_bandwidth_and_is_flagged():
+    walk = boulic_walk(speed_mps=1.8, height_m=1.75, duration_s=4.0)
+    scene = Scene([Target(walk, range_m=7.5, aspect_deg=180.0)])
+    with pytest.warns(DoppelgaitWarning, match="outside the frame"):
+        cut = analyze(simulate(scene, Radar.preset("x4", fold_echoes=False), rng=rng(0)), gate="truth")[0]
+    whole = analyze(simulate(scene, Radar.preset("x4-long"), rng=rng(0)), gate="truth")[0]
+    assert "gate_leaves_frame" in cut.flags
+    assert "gate_leaves_frame" not in whole.flags
+    assert cut.quality["gate_inside_frame"] < 1.0
+    assert cut.features.doppler_bandwidth_hz == pytest.approx(whole.features.doppler_bandwidth_hz, rel=0.15)

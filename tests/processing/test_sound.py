@@ -82,22 +82,10 @@ class TestSignal:
     @pytest.mark.parametrize("ramp_rad", [0.0, np.pi, -0.7])
     def test_an_echo_that_goes_from_bin_to_bin_is_one_steady_tone(self, ramp_rad):
         baseband, doppler_hz = moving_echo(ramp_rad=ramp_rad)
-        heard = compute_doppler_signal(Frames.of(baseband), whole(baseband))
-        assert np.abs(heard) == pytest.approx(1.2 * np.sqrt(2 * np.pi), rel=1e-3)  # the area of the envelope
-        assert peak_hz(heard, 1000.0) == pytest.approx(doppler_hz, abs=0.2)
-
-    def test_a_gate_that_moves_holds_the_same_tone(self):
-        baseband, doppler_hz = moving_echo(ramp_rad=0.3)
-        gate = Gate.around(whole(baseband).time_s, [3.5, 2.5], span_m=1.2)
-        heard = compute_doppler_signal(Frames.of(baseband), gate)
-        assert np.abs(heard) == pytest.approx(1.2 * np.sqrt(2 * np.pi), rel=1e-3)
-        assert peak_hz(heard, 1000.0) == pytest.approx(doppler_hz, abs=0.2)
-
-    def test_what_is_beside_the_gate_is_not_heard(self):
-        baseband, _ = moving_echo(ramp_rad=0.0)
-        heard = np.abs(compute_doppler_signal(Frames.of(baseband), Gate.fixed(3.3, 3.9, time_s=[0.0, 0.999])))
-        assert heard[:20].min() > 2.9
-        assert heard[700:].max() < 1e-6
+        for gate in (whole(baseband), Gate.around(whole(baseband).time_s, [3.5, 2.5], span_m=1.2)):
+            heard = compute_doppler_signal(Frames.of(baseband), gate)
+            assert np.abs(heard) == pytest.approx(1.2 * np.sqrt(2 * np.pi), rel=1e-3)  # the area of the envelope
+            assert peak_hz(heard, 1000.0) == pytest.approx(doppler_hz, abs=0.2)
 
     def test_what_stands_still_is_taken_off_as_asked(self):
         baseband, doppler_hz = moving_echo(ramp_rad=0.0)
@@ -148,10 +136,8 @@ class TestSound:
         assert np.abs(sound.astype(int)).max() == round(32767 * 10 ** (-1 / 20))
         assert np.abs(sound[[0, -1]]).max() == 0
         assert np.abs(np.diff(sound.astype(int), axis=0)).max() < 1.3 * 29205 * 2 * np.pi * 200 / 8000
-
-    def test_nothing_to_hear_is_silence(self):
-        baseband = recording_of(np.zeros(500))
-        assert not make_doppler_sound(Frames.of(baseband), whole(baseband))[1].any()
+        silence = recording_of(np.zeros(500))
+        assert not make_doppler_sound(Frames.of(silence), whole(silence))[1].any()
 
     def test_without_pitch_the_whole_doppler_band_is_kept(self):
         baseband = recording_of(tone(460.0, rate_hz=1000.0) + tone(20.0, rate_hz=1000.0))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.features import estimate_ground_motion
 from doppelgait.processing import track_segments
 from doppelgait.processing.track_segments import SegmentationSettings, find_best_knots, find_track_segments
 
@@ -119,15 +118,6 @@ def test_a_path_that_the_partition_takes_for_one_is_cut_by_the_goodness_of_fit()
     assert cut >= 10
 
 
-def test_neighbours_of_nearly_one_speed_are_joined():
-    times = np.arange(0, 8, 0.1)
-    track = 12 - 0.5 * times - 0.12 * np.maximum(times - 4, 0)
-    sharp = SegmentationSettings(smooth_mps2=0.01, same_speed_mps=0.0, straight_level=0.0)
-    assert len(find_track_segments(times, track, range_sd_m=0.005, settings=sharp)) == 2
-    joined = sharp.model_copy(update={"same_speed_mps": 0.15})
-    assert len(find_track_segments(times, track, range_sd_m=0.005, settings=joined)) == 1
-
-
 def test_who_stops_stands_still_and_a_short_rest_is_too_short():
     times = np.arange(0, 9, 0.1)
     track = np.interp(times, [0, 3, 6, 9], [8.0, 4.4, 4.4, 0.8]) + np.random.default_rng(1).normal(0, 0.03, times.size)
@@ -207,18 +197,6 @@ def test_no_other_partition_costs_less(seed):
     assert cost == pytest.approx(min(costs.values()), rel=1e-4)
 
 
-@pytest.mark.parametrize("aspect_deg", [10, 50, 60, 120, 85])
-def test_motion_over_ground_of_a_segment(aspect_deg):
-    """The segment is straight motion; the track before it is not."""
-    times = np.arange(0, 8, 0.1)
-    t = np.maximum(times, 3.0) - 5.45  # middle of 3.0 to 7.9 s
-    angle = np.radians(aspect_deg)
-    track = np.hypot(6 - 1.3 * np.cos(angle) * t, 1.3 * np.sin(angle) * t)
-    found = estimate_ground_motion(times[30:80], track[30:80])
-    assert found.ground_speed_mps == pytest.approx(1.3, rel=0.03)
-    assert found.aspect_deg == pytest.approx(aspect_deg, abs=3)
-
-
 def test_hopeless_starts_are_given_up_and_the_change_points_stay(monkeypatch):
     """Walks to and fro, faster and slower, with lost ranges: as without giving up, of a part of the starts."""
     rng = np.random.default_rng(8)
@@ -240,13 +218,3 @@ def test_hopeless_starts_are_given_up_and_the_change_points_stay(monkeypatch):
     for limit in ("HOPELESS", "LONGEST_S"):
         monkeypatch.setattr(track_segments, limit, np.inf)
     assert find_best_knots(times, ranges, **settings) == found
-
-
-@pytest.mark.parametrize("speed_mps", [0.0, 0.03])
-def test_who_hardly_moves_for_long_is_one_segment_though_old_starts_are_dropped(monkeypatch, speed_mps):
-    times = np.arange(0, 120, 0.1)
-    ranges = 3 + speed_mps * times + SD_M * np.random.default_rng(2).normal(size=times.size)
-    whole = find_track_segments(times, ranges)
-    monkeypatch.setattr(track_segments, "LONGEST_S", 10.0)
-    assert len(whole) == 1
-    assert find_track_segments(times, ranges) == whole

@@ -67,12 +67,6 @@ def check_whole(folder, expected_hash):
     assert dataset_hash(folder) == expected_hash
 
 
-def whole_hash(tmp_path_factory):
-    """Hash of the tiny dataset as one process builds it."""
-    folder = made_once(tmp_path_factory, "dataset-whole", partial(build_dataset, tiny_plan(), executor="serial"))
-    return dataset_hash(folder)
-
-
-def build_part(folder, part):
-    """Build a part of the tiny dataset; a new process can import this."""
-    build_dataset(tiny_plan(), folder, executor="serial", part=part)
+def whole_dataset(tmp_path_factory):
+    """Folder of the tiny dataset as one process builds it; nobody changes it."""
+    return made_once(tmp_path_factory, "dataset-whole", partial(build_dataset, tiny_plan(), executor="serial"))

@@ -33,7 +33,7 @@ def fit(
         typer.Argument(help="Recordings or folders: an empty room, or several recordings with any content."),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Calibrated preset to write, .toml.")],
-    preset: Annotated[str | None, typer.Option(help="Preset for values that no file stores.")] = None,
+    preset: Annotated[str | None, typer.Option(help="Preset for what no file stores.")] = None,
     options: ReaderOptions = None,
     start: Annotated[float | None, typer.Option(help="Start of the used part, s.")] = None,
     stop: Annotated[float | None, typer.Option(help="End of the used part, s.")] = None,

@@ -134,7 +134,7 @@ class Dataset:
         Raises
         ------
         DatasetError
-            If the query names no column of the index or is no condition, or the label does not exist.
+            If the query names no column of the index or is no condition, or a label does not exist.
         """
         known = {"label": self.description["classes"], "split": SPLITS}
         for name in known.keys() & columns.keys():

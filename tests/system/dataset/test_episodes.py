@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.dataset import build_dataset, open_dataset, stream_examples
+from doppelgait.dataset import build_dataset, open_dataset
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.feasibility import find_limits
 from doppelgait.dataset.plan import collect_nuisance, plan_dataset, sample_examples
@@ -110,11 +110,6 @@ def test_kinds_of_other_lengths_and_targets_are_no_leak():
     examples = [*sample_examples(plan_dataset(plan))]
     refuse_leaks(examples, np.random.default_rng(0))
     assert not {"scene.duration_s", "target.rcs.total_m2"} & {*collect_nuisance(examples[0])}
-
-
-def test_a_stream_numbers_the_labels_of_bodies_and_things():
-    stream = stream_examples(PlanConfig(**PLAN))
-    assert [stream.class_number(label) for label in ("human", "thing")] == [0, 1]
 
 
 def test_the_viewer_opens_a_row_as_its_window(built):

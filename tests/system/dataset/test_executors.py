@@ -1,6 +1,5 @@
 """Executors: the same results from each, killed workers, early ends, bounded queues, clear errors."""
 
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -14,7 +13,7 @@ import pytest
 
 import processes
 from checkout import SUPPORT
-from dataset_plans import build_part, check_whole, tiny_plan, whole_hash
+from dataset_plans import check_whole, dataset_hash, tiny_plan, whole_dataset
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.worker import WORKER_ENVIRONMENT
 from doppelgait.dataset.build import build_dataset, read_dataset_status
@@ -57,11 +56,6 @@ def test_every_shard_comes_once_with_its_own_result_from_workers_of_one_thread_w
     if executor != "serial":
         assert all(record["environment"] == WORKER_ENVIRONMENT and record["no_arrow"] for _, record in results)
     assert os.environ.get("MALLOC_TRIM_THRESHOLD_") != WORKER_ENVIRONMENT["MALLOC_TRIM_THRESHOLD_"]
-
-
-def test_one_process_is_this_one(tmp_path):
-    ((_, record),) = run_shards(partial(started, folder=str(tmp_path)), shards(1), executor="processes", workers=4)
-    assert record["pid"] == os.getpid()
 
 
 @pytest.mark.parametrize("executor", LOCAL)
@@ -163,11 +157,13 @@ def test_a_dask_scheduler_that_is_not_there_is_one_error(monkeypatch):
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
     """Hash of the dataset as one process builds it."""
-    return whole_hash(tmp_path_factory)
+    return dataset_hash(whole_dataset(tmp_path_factory))
 
 
-@pytest.mark.release
-@pytest.mark.parametrize(("executor", "workers"), [("processes", 4), ("dask", 2)])  # two processes: test_build.py
+@pytest.mark.parametrize(
+    ("executor", "workers"),
+    [("processes", 2), *(pytest.param(*one, marks=pytest.mark.release) for one in (("processes", 4), ("dask", 2)))],
+)
 def test_every_executor_makes_the_same_dataset(tmp_path, reference, executor, workers):
     if executor == "dask":
         pytest.importorskip("distributed")
@@ -250,25 +246,6 @@ def test_parts_one_after_the_other(tmp_path, reference):
         assert (tmp_path / "index.parquet").exists() == (number == 3)
         assert (report.n_rows == 24) == (number == 3)
     assert missing == [5, 2, 0]
-    check_whole(tmp_path, reference)
-
-
-@pytest.mark.release
-def test_parts_side_by_side(tmp_path, reference):
-    spawn = multiprocessing.get_context("spawn")
-    jobs = [spawn.Process(target=build_part, args=(tmp_path, f"{n}/3")) for n in (1, 2, 3)]
-    for job in jobs:
-        job.start()
-    for job in jobs:
-        processes.join(job)
-    assert [job.exitcode for job in jobs] == [0, 0, 0]
-    check_whole(tmp_path, reference)
-
-
-def test_a_build_without_a_part_finishes_what_parts_began(tmp_path, reference):
-    build_dataset(tiny_plan(), tmp_path, executor="serial", part="2/2")
-    report = build_dataset(tiny_plan(), tmp_path, executor="serial")
-    assert (report.n_reused, report.n_built, report.missing) == (12, 12, 0)
     check_whole(tmp_path, reference)
 
 

@@ -16,7 +16,7 @@ import doppelgait.dataset.lock as lock
 import doppelgait.dataset.shard as shard
 import processes
 from checkout import SUPPORT
-from dataset_plans import check_whole, dataset_hash, mini_plan, tiny_plan, whole_hash
+from dataset_plans import check_whole, dataset_hash, mini_plan, tiny_plan, whole_dataset
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.build import build_dataset, read_dataset_status
 from doppelgait.dataset.config import SPLITS
@@ -35,7 +35,7 @@ def mini_hash(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def tiny_hash(tmp_path_factory):
-    return whole_hash(tmp_path_factory)
+    return dataset_hash(whole_dataset(tmp_path_factory))
 
 
 def leftovers(folder):
@@ -331,41 +331,16 @@ def test_a_folder_that_cannot_be_written_is_one_error(tmp_path):
             build_dataset(mini_plan(), "/proc/d", executor="serial")
 
 
-def test_motion_files_that_vanish_during_the_build_are_failures_of_their_examples(tmp_path):
-    names = [f"broken{n}.c3d" for n in range(4)]
-    for name in names:
-        (tmp_path / name).write_text(f"not a C3D file: {name}")
-    classes = [
-        {"label": "human", "motion": {"kind": "boulic"}},
-        {"label": "ghost", "motion": {"kind": "file", "path": {"choice": names}}},
-    ]
-
-    def vanish(done, total):
-        for name in names:
-            (tmp_path / name).unlink(missing_ok=True)
-
-    plan = tiny_plan(dataset={"examples_per_class": 4, "shard_size": 2}, classes=classes)
-    report = build_dataset(plan, tmp_path / "d", folder=tmp_path, executor="serial", on_progress=vanish)
-    assert (report.n_examples, report.n_failed, report.too_many_failed) == (4, 4, True)
-    assert any("there is no such file" in failure["reason"] for failure in report.failures)
-    assert all(failure["id"].startswith("ghost-") and failure["spec"] for failure in report.failures)
-
-
-def let_one_fail(monkeypatch, error):
-    """Raise an error in place of one example."""
+@pytest.mark.parametrize(("share", "complete"), [(0.0, False), (0.24, False), (0.25, True), (1.0, True)])
+def test_an_error_of_an_example_is_recorded_within_the_share_that_may_fail(tmp_path, monkeypatch, share, complete):
     real = shard.simulate_example
 
     def fail(example, *arguments, **options):
         if example.id == "dog-000001":
-            raise error
+            raise FloatingPointError("invalid value encountered in sqrt")
         return real(example, *arguments, **options)
 
     monkeypatch.setattr(shard, "simulate_example", fail)
-
-
-@pytest.mark.parametrize(("share", "complete"), [(0.0, False), (0.24, False), (0.25, True), (1.0, True)])
-def test_an_error_of_an_example_is_recorded_within_the_share_that_may_fail(tmp_path, monkeypatch, share, complete):
-    let_one_fail(monkeypatch, FloatingPointError("invalid value encountered in sqrt"))
     report = build_dataset(mini_plan(), tmp_path, executor="serial", max_failed_share=share)
     assert report.too_many_failed is not complete
     assert json.loads((tmp_path / "dataset.json").read_text())["complete"] is complete

@@ -134,19 +134,6 @@ def test_gates_of_tracks_are_left_to_the_build(plan_file, planned):
     assert note in done.stdout
 
 
-def test_a_dataset_within_the_limits_says_so(planned, tmp_path):
-    table = planned.config.model_dump(mode="json", exclude_defaults=True)
-    table["radar"] = {"preset": "x4", "prf_hz": 1600}
-    table["target"] = {"range_m": 5.0, "aspect_deg": 0.0}
-    table["dataset"]["examples_per_class"] = 2
-    build_dataset(validate(PlanConfig, table, where="plan"), tmp_path / "good", executor="serial")
-    good = open_dataset(tmp_path / "good")
-    assert all(row[name] == 0 for row in good.description["limits"] for name in LIMITS)
-    assert "no row aliases in Doppler" in (good.directory / "README.md").read_text()
-    check = verify_dataset(good.directory, share=0.0, rng=np.random.default_rng(0)).check("feasibility")
-    assert (check.status, check.summary) == ("passed", "no row reaches a limit of the radar")
-
-
 def test_plan_prints_the_table_and_reports_progress(plan_file, planned, monkeypatch):
     monkeypatch.setattr("doppelgait.cli.output.PROGRESS_DELAY_S", 0.0)
     expected = assess(sample_examples(planned), planned.folder)

@@ -22,7 +22,7 @@ from doppelgait.core.rng import rng
 from doppelgait.dataset import importing, open_dataset, shard
 from doppelgait.dataset.card import list_blocked_recordings
 from doppelgait.dataset.importing import ImportConfig, find_labelled_result, import_dataset, read_labels
-from doppelgait.dataset.labels import find_recordings, hash_recording, list_recording_files
+from doppelgait.dataset.labels import find_recordings, hash_recording
 from doppelgait.dataset.plan import plan_entries
 from doppelgait.dataset.verify import verify_dataset
 from doppelgait.dataset.windows import cut
@@ -122,18 +122,14 @@ MISTAKES = [
     ("file,label,label\nslow1.h5,a,b\n", r"column 'label' twice"),
     ("file,label,,subject\nslow1.h5,a,b,c\n", r"column 3 has no name"),
     ("file,label,subjct\nslow1.h5,a,b\n", r"line 1, column 'subjct'.*rename it subject, or meta_subjct"),
-    ("file,label,start\nslow1.h5,a,3\n", r"column 'start'.*rename it start_s"),
     ("file,label,license\nslow1.h5,a,MIT\n", r"column 'license'.*rename it licence"),
     ("file,label\nslow1.h5,a,b\n", r"line 2 has 3 cells, the first line names 2"),
-    ("file,label,subject\nslow1.h5,a\n", r"line 2 has 2 cells, the first line names 3"),
     ('file,label\n"slow1.h5,a\n', r"line 2 is not CSV"),
     ("file,label\nslow1.h5,\n", r"line 2, label: '' is not allowed"),
     ("file,label\nslow1.h5,a/b\n", r"line 2, label: 'a/b' is not allowed"),
     ("file,label\n,a\n", r"line 2, file: .*is empty"),
     ("file,label\nslow3.h5,a\n", r"line 2, file: 'slow3\.h5': is not in .*near in spelling: slow"),
-    ("file,label\nday 3/*.h5,a\n", r"line 2, file: 'day 3/\*\.h5': is not in"),
     ("file,label\n../x.h5,a\n", r"line 2, file: '\.\./x\.h5' is not allowed: it must be a path inside"),
-    ("file,label\n/etc/passwd,a\n", r"line 2, file: '/etc/passwd' is not allowed"),
     ("file,label\n" + "x" * 5000 + ",a\n", r"line 2, file: .*is not in"),
     ("file,label\na**/x,a\n", r"line 2, file: 'a\*\*/x'"),
     ("file,label\nslow1\0.h5,a\n", r"line 2, file: .*is not in"),
@@ -166,9 +162,9 @@ def test_every_mistake_is_named(recordings, text, says):
 def test_all_mistakes_of_a_table_come_together(recordings):
     with pytest.raises(ConfigError, match=r"line 2, label: .*; line 3, stop_s: .*; line 4, file: .*and 15 more$"):
         entries_of(recordings, "file,label,stop_s\nslow1.h5,,\nslow1.h5,a,0\nno.h5,a,\n" + "no.h5,a,\n" * 20)
-    for count, more in ((900, 891), (5000, 992)):  # each refers to the first one: not every two are a message
-        with pytest.raises(ConfigError, match=rf"line 3, file: .* is already in line 2; .*and {more} more$"):
-            entries_of(recordings, "file,label\n" + "slow1.h5,human\n" * count)
+    # each refers to the first one: not every two are a message
+    with pytest.raises(ConfigError, match=r"line 3, file: .* is already in line 2; .*and 992 more$"):
+        entries_of(recordings, "file,label\n" + "slow1.h5,human\n" * 5000)
 
 
 def test_text_that_is_no_utf8_and_absent_files_are_named(recordings):
@@ -203,8 +199,6 @@ def test_a_pattern_names_many_and_a_pair_once(tmp_path):
     for name in ("x[1].h5", "sub/y.h5"):
         (tmp_path / name).write_text("1")
         assert find_recordings(tmp_path, name.replace("/", "\\")) == [name]
-    assert [p.name for p in list_recording_files(tmp_path / "a_RE.txt")] == ["a_IM.txt", "a_RE.txt"]
-    assert [p.name for p in list_recording_files(tmp_path / "d.npz")] == ["d.npz", "d.toml"]
     before = hash_recording(tmp_path, "a_RE.txt")
     (tmp_path / "b_IM.txt").write_text("2")
     assert hash_recording(tmp_path, "a_RE.txt") == before
@@ -222,11 +216,9 @@ def test_a_pattern_names_many_and_a_pair_once(tmp_path):
         ),
         ({"fields": ["signature", "signature"]}, r"names a field twice"),
         ({"hop_s": 1}, r"set window_s, too"),
-        ({"window_s": 0}, r"window_s: 0 is not allowed"),
         ({"split": "val"}, r"split: 'val' is not allowed: must be one of train, validation, test"),
         ({"split": {"train": 0.5}}, r"shares must sum to 1"),
         ({"split": {"training": 1.0}}, r"must be one of"),
-        ({"analysis": {"cpi": 1}}, r"analysis\.cpi: unknown key"),
     ],
 )
 def test_wrong_settings_are_named(table, says):
@@ -236,12 +228,6 @@ def test_wrong_settings_are_named(table, says):
 
 def planned(place, text, config=GATE):
     return plan_entries(entries_of(place, text), config, "labels.csv")
-
-
-def test_everything_is_test_unless_told(recordings):
-    assert {one.split for one in planned(recordings, LABELS)} == {"test"}
-    assert {one.split for one in planned(recordings, LABELS, ImportConfig(split="train"))} == {"train"}
-    assert [one.id for one in planned(recordings, LABELS)] == IDS
 
 
 def test_the_column_counts_and_tears_nobody(recordings):
@@ -299,27 +285,12 @@ def pulses(part):
     return part.recording.baseband.values[:, 0].real.astype(int)
 
 
-@pytest.mark.parametrize("begin_s", [0.0, 7.3])
-def test_windows_hold_the_pulses_of_their_time(begin_s):
-    recording = counted(begin_s + np.arange(1000) / 100.0)
-    parts = [*cut(recording, start_s=1.0, stop_s=8.0, window_s=2.0, step_s=1.5)]
-    assert [(p.start_s, p.stop_s) for p in parts] == [(1.0, 3.0), (2.5, 4.5), (4.0, 6.0), (5.5, 7.5)]
-    for part in parts:
-        expected = [n for n in range(1000) if part.start_s - 1e-6 <= n / 100.0 < part.stop_s - 1e-6]
-        np.testing.assert_array_equal(pulses(part), expected)
-        assert part.recording.baseband.slow_time.values[0] == 0.0
-
-
-@pytest.mark.parametrize(
-    ("window_s", "step_s", "count"), [(2.5, 2.5, 4), (10.0, 1.0, 1), (0.1, 0.1, 100), (None, None, 1)]
-)
-def test_a_recording_is_cut_into_all_that_fit_without_truth(window_s, step_s, count):
+@pytest.mark.parametrize(("window_s", "count"), [(2.5, 4), (10.0, 1), (0.1, 100), (None, 1)])
+def test_a_recording_is_cut_into_all_that_fit_without_truth(window_s, count):
     recording = replace(counted(np.arange(1000) / 100.0), truth=["what a simulation knows"])
-    parts = [*cut(recording, window_s=window_s, step_s=step_s)]
-    assert len(parts) == count
-    assert {part.recording.truth for part in parts} == {()}
-    if count == 1:
-        assert (parts[0].start_s, parts[0].stop_s, pulses(parts[0]).size) == (0.0, pytest.approx(10.0), 1000)
+    parts = [*cut(recording, window_s=window_s, step_s=window_s)]
+    assert [part.recording.truth for part in parts] == [()] * count
+    assert (parts[0].start_s, parts[-1].stop_s) == (0.0, pytest.approx(10.0))
 
 
 def test_bursts_are_not_cut():
@@ -368,11 +339,7 @@ def test_rows_are_what_the_analysis_says_of_each_recording(imported):
         np.testing.assert_array_equal(
             example.baseband.values, read_recording(recordings / example.row["recording"]).baseband.values
         )
-    X, y, groups = dataset.features()
-    assert X.shape == (4, 6)
-    assert y.tolist() == ["slow", "slow", "fast", "fast"]
-    assert groups.tolist() == ["person/anna", "person/ben", "person/anna", "person/ben"]
-    assert dataset.class_numbers().tolist() == [0, 0, 1, 1]
+    assert dataset.features().groups.tolist() == ["person/anna", "person/ben", "person/anna", "person/ben"]
 
 
 def test_the_folder_is_like_that_of_a_built_dataset(imported):
@@ -420,8 +387,6 @@ def test_the_same_again_changes_nothing_and_anything_else_is_refused(imported):
     assert {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in target.rglob("*") if p.is_file()} == before
     elsewhere = import_dataset(recordings, recordings.parent / "labels.csv", target.with_name("b"), config=config)
     assert elsewhere.dataset_id == report.dataset_id
-    for path in sorted((target / "shards").iterdir()):
-        assert path.read_bytes() == (target.with_name("b") / "shards" / path.name).read_bytes()
     by_hand = ImportConfig(**{**vars(config), "analysis": Analysis(clutter="none")})
     for other in (GATE, by_hand):
         with pytest.raises(DatasetError, match=r"holds imported dataset .* of other recordings, labels or settings"):
@@ -430,7 +395,6 @@ def test_the_same_again_changes_nothing_and_anything_else_is_refused(imported):
     with pytest.raises(DatasetError, match=r"of other recordings"):
         import_dataset(recordings, recordings.parent / "labels.csv", target, config=config)
     write(recordings, LABELS)
-    assert import_dataset(recordings, recordings.parent / "labels.csv", target, config=config).was_there
     write_recording(point(0.41), recordings / "slow1.h5")
     with pytest.raises(DatasetError, match=r"of other recordings"):
         import_dataset(recordings, recordings.parent / "labels.csv", target, config=config)
@@ -557,19 +521,14 @@ def test_formats_and_options_of_the_reader_are_passed_on(recordings):
     assert "no option colour" in report.failures[0]["reason"]
 
 
-def result(**quality):
-    base = object.__new__(Result)
-    object.__setattr__(base, "quality", quality)
-    return base
-
-
 def test_the_label_goes_to_the_track_with_the_most_sure_seconds():
-    long = result(track_confidence=0.8, track_start_s=0.0, track_stop_s=5.0)
-    short = result(track_confidence=1.0, track_start_s=1.0, track_stop_s=4.0)
-    faint = result(track_confidence=0.1, track_start_s=0.0, track_stop_s=10.0)
-    still = result(breathing_confidence=0.99)
+    long, short, faint = (
+        Result(GATE.analysis, quality={"track_confidence": share, "track_start_s": start_s, "track_stop_s": stop_s})
+        for share, start_s, stop_s in ((0.8, 0.0, 5.0), (1.0, 1.0, 4.0), (0.1, 0.0, 10.0))
+    )
+    still, unsure = (Result(GATE.analysis, quality={"breathing_confidence": share}) for share in (0.99, 0.5))
     assert find_labelled_result([still, short, faint, long]) is long
-    assert find_labelled_result([still, result(breathing_confidence=0.5)]) is still
+    assert find_labelled_result([still, unsure]) is still
     assert find_labelled_result([still, faint]) is faint
     assert find_labelled_result([]) is None
 

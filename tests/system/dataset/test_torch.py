@@ -8,10 +8,9 @@ import pytest
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.dataset.stream import stream_examples
-from tiny_dataset import mixed_plan, tiny_plan
+from tiny_dataset import mixed_plan
 
 torch = pytest.importorskip("torch")
-PLAN = tiny_plan(fields=["signature"])
 
 
 def test_items(dataset):
@@ -70,29 +69,6 @@ def test_wrong_requests(dataset, method, options, message):
         getattr(dataset, method)(**options)
     with pytest.raises(ConfigError, match=r"epoch: 1\.5 is not allowed"):
         dataset.torch_iterable(seed=1).set_epoch(1.5)
-
-
-@pytest.mark.parametrize("workers", [0, 2])
-def test_workers_share_the_stream(workers):
-    expected = {n: e.signature.values for n, e in islice(stream_examples(PLAN).iterate_numbered(), 8)}
-    data = stream_examples(PLAN).torch(target="index")
-    assert isinstance(data, torch.utils.data.IterableDataset)
-    loader = torch.utils.data.DataLoader(data, batch_size=None, num_workers=workers)
-    seen = {number: tensor.numpy() for tensor, number in islice(loader, 8)}
-    assert sorted(seen) == sorted(expected) == list(range(12, 20))
-    for number, values in seen.items():
-        assert np.array_equal(values, expected[number])
-
-
-def test_stream_of_several_targets_with_labels_and_transform(mixed):
-    stream = stream_examples(mixed_plan().model_copy(), start=0)
-    items = list(islice(stream.torch(target="index"), 4))
-    assert [number for _, number in items] == [0, 0, 1, 1]
-    for number, (tensor, _) in enumerate(items):
-        assert np.array_equal(tensor.numpy(), mixed.array("signature", number))
-    sums, labels = zip(*islice(stream_examples(PLAN).torch(transform=lambda x: x.sum()), 2), strict=True)
-    assert labels == (0, 1)
-    assert all(value.shape == () for value in sums)
 
 
 def test_pictures_have_one_shape(mixed):

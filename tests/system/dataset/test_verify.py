@@ -172,7 +172,6 @@ def test_a_half_built_dataset_is_checked_as_far_as_it_is_there(copy):
     assert "not built yet: validation-00000-of-00001" in found.check("shards").summary
     assert failed(found) == set()
     assert failed(found, "skipped") == {"files", "contents", "index", "splits", "class balance"}
-    assert found.check("torso velocity").numbers["dog"]["rows"] == 25
     for path in (copy / "shards").iterdir():
         path.unlink()
     found = verify(copy)
@@ -223,15 +222,6 @@ def test_another_value_or_order_and_a_missing_row_of_the_index_are_found(copy):
     assert failed(found) >= {"index", "splits", "class balance"}
     assert index.loc[5, "id"] in found.check("class balance").summary
     assert index.loc[5, "id"] in found.check("splits").summary
-
-
-def test_a_list_of_a_split_must_be_that_of_the_index(copy):
-    path = copy / "splits" / "test.txt"
-    path.write_text("\n".join(["human-999999", *path.read_text().splitlines()[1:]]) + "\n")
-    restate_files(copy)
-    found = verify(copy)
-    assert failed(found) == {"splits"}
-    assert "human-999999" in found.check("splits").summary
 
 
 def test_a_changed_configuration_is_another_identity(copy):
