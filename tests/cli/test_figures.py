@@ -30,7 +30,7 @@ def test_figures_are_chosen_and_have_limits(analysed, tmp_path, monkeypatch):
     monkeypatch.setitem(rcParams, "image.cmap", rcParams["image.cmap"])
     settings = (*analysed, dg.Analysis().resolved(None), 25.0, (-200.0, 200.0))
     paths = save_figures(*settings, folder=tmp_path, only="dog-signature", colormap="gray")
-    assert [path.name for path in paths] == ["1-dog-signature.png", "1-dog-signature-normalised.png"]
+    assert [path.stem for path in paths] == [f"1-dog-signature{end}" for end in ("", "-normalised", "-truth")]
     axes = dict(make_figures(*settings))["1-dog-signature"].axes[0]
     low_db, high_db = axes.images[0].get_clim()
     assert (axes.get_ylim(), high_db - low_db, axes.images[0].get_cmap().name) == ((-200.0, 200.0), 25.0, "gray")
