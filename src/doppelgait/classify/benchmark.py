@@ -224,9 +224,15 @@ def score_classifiers(folder: Path, *, report: Callable[[str], Any], **options: 
     chosen, built, identities = BenchmarkOptions(**options), {}, []
     answers = {name: open_classifier(name) for name in chosen.classifier or BASELINES}
     used = [name for name, part in PARTS.items() if chosen.recordings or not part.recorded]
-    for name in used if any(name in BASELINES or ".py:" in name for name in answers) else used[1:]:
+    used = used if any(name in BASELINES or ".py:" in name for name in answers) else used[1:]
+    changes = ["dataset.examples_per_class=1"] if chosen.rehearse else []
+    folder = folder / "rehearsal" if chosen.rehearse else folder
+    for name in used:  # faults come before hours of work
+        load_part(name, chosen.recordings, changes)
+    for name in used:
         with report(name) as tell:
-            one = built[name] = build_part(name, folder / name, folder=chosen.recordings, on_progress=tell)
+            given = {"folder": chosen.recordings, "changes": changes}
+            one = built[name] = build_part(name, folder / name, on_progress=tell, **given)
         identities.append({"part": name, "identity": one.description["id"], "contents": identify_contents(one)})
     train = built.pop("train", next(iter(built.values())))
     scores = {

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, convert_features
+from doppelgait.classify.data import convert_features
 from doppelgait.classify.learned import Inputs, Seen, join_inputs
 from doppelgait.classify.model import (
     Model,
@@ -120,8 +120,6 @@ class TargetInputs:
         wavelength_m = np.array([SPEED_OF_LIGHT_MPS / self.conditions["carrier_hz"]])
         known = {name: table[column] for name, column in columns if column in table}
         features = convert_features(known, wavelength_m)
-        if ENVELOPE_WIDTH in features:  # which files of an older version have in hertz
-            features[ENVELOPE] = features[ENVELOPE_WIDTH] * 2.0 / wavelength_m
         if missing := [name for name in names if name not in features]:
             raise AnalysisError(
                 f"target {number}: has no {missing[0]}, which {model.facts.name} uses; analyse with extended = "

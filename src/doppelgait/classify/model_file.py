@@ -32,9 +32,7 @@ from doppelgait.processing.patches import N_SLICES, Patch
 from doppelgait.radar import Radar
 
 FOLDER = Path(str(resources.files("doppelgait.classify") / "models"))
-MODEL = FileKind("doppelgait-model", 4, "a model of doppelgait", DatasetError)
-"""Versions of the format. 2: linear models have floors of logarithms; support vector machines
-exist. 3: ensembles exist. 4: networks of tracks exist; a model may have one next to it."""
+MODEL = FileKind("doppelgait-model", 4, "a model of doppelgait", DatasetError, oldest=4, remedy="train it again")
 SUFFIX = ".npz"
 TRACK = "track."  # begins the names of the arrays of a model of tracks
 SPANS = ("lowest", "highest", "unknown")
@@ -100,7 +98,7 @@ def _unpack_model(document: Mapping[str, Any], arrays: Arrays, path: str | Path)
     facts = validate(Facts, document["facts"], where=str(path))
     own = {name: values for name, values in arrays.items() if not name.startswith(TRACK)}
     slope, shift = float(own["calibration.slope"][0]), own["calibration.shift"]
-    far = select_part(own, "novelty.")  # older models have none
+    far = select_part(own, "novelty.")
     novelty = Novelty({name: far[name] for name in NOVELTY}) if far else None
     calibration = Calibration(slope, shift, int(document["calibration_rows"]))
     model = Model(facts, _unpack(document, own), calibration, own["lowest"], own["highest"], own["unknown"], novelty)
@@ -126,10 +124,6 @@ def _pack(learned: Learned) -> tuple[dict[str, Any], Arrays]:
 
 def _unpack(form: Mapping[str, Any], arrays: Arrays) -> Learned:
     kind, patch, members = form["learned"], None, list[Learned]()
-    if kind == "kernel":
-        raise ConfigError("it has support vector machines, which this version has no longer; train it again")
-    if kind == "linear":
-        arrays = {"floor": np.zeros(0), **arrays}
     if kind == "network":
         patch = validate(Patch, form["patch"], where="patch")
     if kind == "ensemble":
@@ -214,8 +208,6 @@ def _check_shapes(arrays: Mapping[str, Any], shapes: Mapping[str, str], sizes: d
     """Check shapes, a letter for each size; a letter not in ``sizes`` stands for the size where it is first used."""
     for name, letters in shapes.items():
         found = arrays[name].shape
-        if name == "floor" and found == (0,):  # no feature has a logarithm
-            continue
         expected = tuple(sizes.setdefault(*pair) for pair in zip(letters, (*found, 0, 0), strict=False))
         if found != expected:
             raise ValueError(f"{name} has the shape {found}, expected is {expected}")

@@ -128,6 +128,9 @@ class BenchmarkOptions(CheckedOptions):
 
     classifier: Annotated[list[str] | None, "Baseline, FILE.py:FUNCTION, or model by name or file; repeatable."] = None
     recordings: Annotated[Path | None, "Folder of motion files, for the part 'recorded'."] = None
+    rehearse: Annotated[bool, "Try it on a recording of each kind, in FOLDER/rehearsal; its figures mean nothing."] = (
+        False
+    )
 
 
 Annotate = Callable[[str, Any, str], Any]

@@ -94,6 +94,9 @@ def test_two_processes_make_the_same_benchmark_and_score_any_classifier(folder, 
     assert life["tracks"] == 10
     assert 0.0 <= life["auc"]["value"] <= 1.0
     assert life["alarm"]["entries"] == 5
+    tried = make(folder, tmp_path / "a", "--classifier", mine, "--rehearse")
+    assert {part["identity"] for part in tried["parts"]}.isdisjoint(part["identity"] for part in first["parts"])
+    assert open_dataset(tmp_path / "a" / "rehearsal" / "life").plan_config.dataset.examples_per_class == 1
     train, part = (open_dataset(tmp_path / "a" / name) for name in ("train", "life"))
     for name in ("brightness", "six-features", "track"):
         with warnings.catch_warnings():
