@@ -436,11 +436,11 @@ def test_decisions_and_alarm_are_below_the_signature(page: Any, url: str) -> Non
     upper, lower = (page.locator(f"#canvas-{name}").bounding_box() for name in ("signature", "evidence"))
     assert (upper["x"], upper["width"]) == (lower["x"], lower["width"]), "not one time axis"
     assert upper["y"] < lower["y"] < lower["y"] + lower["height"] - 150
-    keys = ["target 1", "track that is not listed", "○ undecided", "╌ alarm from 0.70", "│ alarm begins"]
+    keys = ["target 0", "track that is not listed", "○ undecided", "╌ alarm from 0.70", "│ alarm begins"]
     assert page.locator(".keys > span").all_text_contents() == keys
     for n, said in ((2, "undecided: too low · human 0.400"), (5, "human · human 1.000 · alarm")):
         view.read_at(page, "evidence", 0.4 * n / view.DURATION_S, (0.2 * n + 0.08) / 1.16)
-        assert view.text(page, "#hover-evidence") == f"{0.4 * n:.2f} s · target 1 · {said}"
+        assert view.text(page, "#hover-evidence") == f"{0.4 * n:.2f} s · target 0 · {said}"
 
 
 def test_annotations_are_listed_saved_kept_and_deleted(page: Any, url: str) -> None:

@@ -92,7 +92,7 @@ export function makeControls(session) {
   }
 
   function fillTargets(targets, selected) {
-    const choices = targets.map((one) => [one.number, `${one.number + 1} of ${targets.length}: ${one.label || "target"} (${one.gate})`]);
+    const choices = targets.map((one) => [one.number, `${one.number}: ${one.label || "target"} (${one.gate})`]);
     fillSelect(target, choices.length ? choices : [["", "none"]], choices.length ? selected : "");
     target.disabled = choices.length < 2;
   }

@@ -384,7 +384,7 @@ function makeDecisions(page, facts, listed) {
   function subject(marks) {
     const number = followed(marks, listed());
     if (number === null) return { name: "track that is not listed", words: "–", colour: NOT_LISTED };
-    return { name: `target ${number + 1}`, words: String(number + 1), colour: gateColour(number) };
+    return { name: `target ${number}`, words: String(number), colour: gateColour(number) };
   }
 }
 

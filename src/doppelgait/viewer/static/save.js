@@ -73,7 +73,7 @@ export function saveTable(runs, session, name) {
     for (const target of targets) {
       const [start, stop] = shownSegment(target) ?? ["", ""];
       for (const { key, value, deviation, unit, truth } of featuresOf(target, session)) {
-        rows.push([name, target.number + 1, target.label, target.gate, start, stop, key, value, deviation, unit, truth]);
+        rows.push([name, target.number, target.label, target.gate, start, stop, key, value, deviation, unit, truth]);
       }
     }
   }
