@@ -156,11 +156,6 @@ def unit_db(radar: Radar, filter: Filter = "hamming") -> float:
     return db((radar.volts_per_unit or 1.0) * compute_chip_gain(radar.carrier_hz, radar.sample_rate_hz, filter))
 
 
-def level_of_bins(recording: Recording, fit: Room) -> FloatArray:
-    """Return the static echo of every bin, dB re one unit."""
-    return np.asarray(20.0 * np.log10(np.abs(fit.echo_v)) - unit_db(recording.radar))
-
-
 def counted_room(frames: FloatArray, noise: RfNoise, like: Recording, filter: Filter, *, bin_m: float) -> Recording:
     """Simulate an empty room by counters. Its mean frame is read as often as the recording has frames."""
     still = np.broadcast_to(frames.mean(axis=0), frames.shape)
@@ -310,7 +305,7 @@ def model_rows(real: Rooms, counted: Rooms, out: Path) -> list[Row]:
 
         def median_db(found: tuple[Recording, Room], start_m: float = start_m, stop_m: float = stop_m) -> float:
             inside = (found[0].range_m >= start_m) & (found[0].range_m < stop_m)
-            return float(np.median(level_of_bins(*found)[inside]))
+            return float(np.median(20.0 * np.log10(np.abs(found[1].echo_v[inside])) - unit_db(found[0].radar)))
 
         own, *others = ([median_db(found) for found in rooms] for rooms in (real.values(), *rooms_of))
         row(f"static echo, median of {start_m:g} to {stop_m:g} m", own, others, 1, "dB")
