@@ -13,7 +13,6 @@ import sklearn.ensemble  # noqa: F401  brings OpenMP, which only then can be lim
 from threadpoolctl import threadpool_limits
 
 from checkout import ROOT
-from doppelgait.core import plugins
 
 ROOM = "doppelgait"
 PACKAGE = ROOT / "src" / "doppelgait"
@@ -74,15 +73,7 @@ def test_examples_show_values() -> None:
     assert not weak
 
 
-@pytest.fixture
-def _plugins_restored(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Remove the plug-ins that an example registers."""
-    for group in plugins.list_plugin_groups().values():
-        len(group)  # built-in ones first
-    monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
-
-
-@pytest.mark.usefixtures("_plugins_restored")
+@pytest.mark.usefixtures("register")  # which removes the plug-ins that an example registers
 @pytest.mark.parametrize("path", WITH_EXAMPLES, ids=name_of)
 def test_examples_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

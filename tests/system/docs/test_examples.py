@@ -64,7 +64,7 @@ def quick(words: list[str]) -> list[str]:
 
 
 @pytest.fixture
-def run_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+def run_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, register: Any) -> Run:
     """Use a page's blocks in an empty folder; what they register is forgotten afterwards."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path / "installed"))
@@ -72,9 +72,6 @@ def run_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     day, _ = load_day()
     short = day.model_copy(update={"episodes": tuple(one for one in day.episodes if one.duration_s <= 10)})
     (tmp_path / "short-day.toml").write_text(write_toml(short.model_dump(mode="json", exclude_none=True)))
-    for group in plugins.list_plugin_groups().values():
-        len(group)  # the built-in ones
-    monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
     monkeypatch.setattr(plugins, "_LOADED", set(plugins._LOADED))
     namespace: dict[str, Any] = {"__name__": "__main__"}
 

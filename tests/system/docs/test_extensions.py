@@ -92,9 +92,7 @@ def test_what_is_wrong_on_a_page_is_a_warning(build, text, says):
 
 def test_references_lead_to_the_public_name_and_internal_ones_are_code(build):
     html, warnings = build(PAGE)
-    assert 'href="#doppelgait.motion.make_path" title="doppelgait.motion.make_path"' in html, (
-        "by its place of definition"
-    )
+    assert 'href="#doppelgait.motion.make_path" title="doppelgait.motion.make_path"' in html
     assert "#doppelgait.motion.clean" not in html
     assert "clean_motion()</span></code>" in html
     assert warnings == ""

@@ -1,6 +1,7 @@
 """The pages made from the code say all that the code has, and the equations that docstrings cite are there."""
 
 import ast
+import calendar
 import importlib
 import json
 import pkgutil
@@ -45,28 +46,21 @@ pytestmark = pytest.mark.skipif(not DOCS.is_dir(), reason="the documentation is 
 
 @pytest.fixture(scope="module")
 def pages():
-    sys.path.insert(0, str(DOCS / "_ext"))
     pytest.importorskip("sphinx")
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(DOCS / "_ext")
         yield importlib.import_module("reference_pages").pages()
-    finally:
-        sys.path.remove(str(DOCS / "_ext"))
-
-
-def cited():
-    """Labels in docstrings, words below constants and messages of the package."""
-    found = set()
-    for path in (*(ROOT / "src").rglob("*.py"), *(ROOT / "packages").rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                found |= set(LABEL.findall(node.value))
-    return found
 
 
 def test_every_equation_is_there_once_and_cited_and_no_other_is_cited():
     labels = [label for page in PAGES for label in re.findall(r"\\tag\{(E-[^}]*)\}", page.read_text())]
     assert len(labels) == len(set(labels)) >= 40
-    assert set(labels) == cited()
+    cited = set()  # in docstrings, words below constants and messages
+    for path in (*(ROOT / "src").rglob("*.py"), *(ROOT / "packages").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                cited |= set(LABEL.findall(node.value))
+    assert set(labels) == cited
     for path in [*PAGES, *(ROOT / "src").rglob("*.py")]:  # comments, too
         assert set(LABEL.findall(path.read_text())) <= set(labels), path
 
@@ -172,6 +166,24 @@ def test_formats_and_other_files_on_the_page_are_those_of_the_program():
     for room, stated in zip(("motion", "radar"), re.findall(r"(\d+) (?:lines )?for", page), strict=True):
         sources = (ROOT / "src" / "doppelgait" / room / "readers").glob("*.py")
         assert int(stated) == pytest.approx(sum(path.read_text().count("\n") for path in sources), rel=0.15), room
+
+
+CITED = r"\b([A-Z][\w-]+)(?:(?:,| and) [A-Z][\w-]+)*(?: et al\.)?,? \(?((?:19[3-9]|20[0-2])\d)\b(?!-)"
+CITED_VOLUME = r"[(;] ?([A-Z][\w-]+)[^();]{,70}?, ((?:19|20)\d\d)[,)]"
+DATES = {*calendar.month_name, "Seed"}
+
+
+def test_every_work_cited_by_author_and_year_is_in_the_references():
+    rows = [line for line in (DOCS / "references.md").read_text().split("\n") if line.startswith("| ")]
+    code = [path for room in ("src", "packages", "native") for path in (ROOT / room).rglob("*")]
+    cited = set()
+    for path in [ROOT / "README.md", *PAGES, *(path for path in code if path.suffix in (".py", ".toml", ".cpp"))]:
+        text = re.sub(r"\s+(#|//)?\s*", " ", path.read_text())
+        cited |= {*re.findall(CITED, text), *re.findall(CITED_VOLUME, text)}
+    assert len(cited) > 45
+    assert not [work for work in cited if work[0] not in DATES and not any(all(map(row.count, work)) for row in rows)]
+    bib = (DOCS / "_static" / "references.bib").read_text()
+    assert set(re.findall(r"\[doi:(.*?)\]", "".join(rows))) == set(re.findall(r"doi = \{(.*?)\}", bib))
 
 
 def quote_names(names):

@@ -106,6 +106,8 @@ def test_new_names_of_renames_exist():
 def test_versions_agree():
     citation = (ROOT / "CITATION.cff").read_text()
     assert re.search(r"^version: (\S+)$", citation, re.MULTILINE)[1] == doppelgait.__version__
+    for name in ("references.md", "_static/references.bib"):
+        assert f"Version {doppelgait.__version__}" in (ROOT / "docs" / name).read_text()
 
 
 if __name__ == "__main__":
