@@ -1,12 +1,11 @@
 """Figures of ``analyze``: no fault that a reader would see, and vector files."""
 
 import pytest
-from matplotlib import rcParams
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import doppelgait as dg
 from doppelgait.cli.figures import make_figures, save_figures
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.viz.style import fit_to_paper
 from figure_faults import faults
 
@@ -26,17 +25,20 @@ def test_a_frame_rate_too_low_for_doppler_leaves_out_one_figure(analysed, capsys
     assert "note: no figure 0-human-range-doppler: cpi_s = 0.001" in capsys.readouterr().err
 
 
-def test_figures_are_chosen_and_have_limits(analysed, tmp_path, monkeypatch):
-    monkeypatch.setitem(rcParams, "image.cmap", rcParams["image.cmap"])
-    settings = (*analysed, dg.Analysis().resolved(None), 25.0, (-200.0, 200.0))
-    paths = save_figures(*settings, folder=tmp_path, only="dog-signature", colormap="gray")
+def test_figures_are_chosen_and_have_limits(analysed, tmp_path):
+    settings = (*analysed, dg.Analysis().resolved(None), {"db_range": 25.0, "cmap": "viridis"}, (-200.0, 100.0))
+    paths = save_figures(*settings, folder=tmp_path, only="dog-signature")
     assert [path.stem for path in paths] == [f"1-dog-signature{end}" for end in ("", "-normalised", "-truth")]
-    axes = dict(make_figures(*settings))["1-dog-signature"].axes[0]
-    low_db, high_db = axes.images[0].get_clim()
-    assert (axes.get_ylim(), high_db - low_db, axes.images[0].get_cmap().name) == ((-200.0, 200.0), 25.0, "gray")
-    for wrong in ({"only": "sgnature"}, {"colormap": "jett"}):
-        with pytest.raises(ConfigError, match=r"--(only sgnature|colormap jett): "):
-            list(save_figures(*settings, folder=tmp_path, **wrong))
+    found = dict(make_figures(*settings))
+    for name, panel in (("signature", 0), ("overview", 1), ("signature-truth", 0)):
+        axes = found[f"1-dog-{name}"].axes[panel]
+        low_db, high_db = axes.images[0].get_clim()
+        look = (axes.get_ylim(), high_db - low_db, axes.images[0].get_cmap().name)
+        assert look == ((-200.0, 100.0), 25.0, "viridis")
+    with pytest.raises(ConfigError, match="--only sgnature: "):
+        list(save_figures(*settings, folder=tmp_path, only="sgnature"))
+    with pytest.raises(AnalysisError, match="cmap = 'jett': "):
+        dg.viz.range_time(analysed[0].baseband, cmap="jett")
 
 
 @pytest.mark.filterwarnings("error::UserWarning")

@@ -231,8 +231,8 @@ def score_classifiers(folder: Path, *, report: Callable[[str], Any], **options: 
         load_part(name, chosen.recordings, changes)
     for name in used:
         with report(name) as tell:
-            given = {"folder": chosen.recordings, "changes": changes}
-            one = built[name] = build_part(name, folder / name, on_progress=tell, **given)
+            place, files = folder / name, chosen.recordings
+            one = built[name] = build_part(name, place, folder=files, changes=changes, on_progress=tell)
         identities.append({"part": name, "identity": one.description["id"], "contents": identify_contents(one)})
     train = built.pop("train", next(iter(built.values())))
     scores = {

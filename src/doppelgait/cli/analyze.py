@@ -99,9 +99,9 @@ def analyze(
     style: Annotated[str, typer.Option("--style", help="screen, or paper: no titles.")] = "screen",
     dpi: Annotated[float | None, typer.Option(min=20, max=2400, help="Pixels per inch.")] = None,
     only: Annotated[str, typer.Option(help="Text in the names of the wanted figures, for example signature.")] = "",
-    colormap: Annotated[str | None, typer.Option(help="Colour map of matplotlib.")] = None,
+    cmap: Annotated[str | None, typer.Option(help="Colour map of Matplotlib.")] = None,
     db_range: Annotated[float | None, typer.Option(min=1, max=200, help="Dynamic range of maps, dB.")] = None,
-    doppler_hz: Annotated[float | None, typer.Option(min=1, help="Doppler limit of signatures, Hz.")] = None,
+    doppler_hz: Annotated[tuple[float, float] | None, typer.Option(help="Limits of signatures, Hz.")] = None,
     as_json: AsJson = False,
     **windows: Any,
 ) -> None:
@@ -136,9 +136,9 @@ def analyze(
     if figures is not None:
         from doppelgait.cli.figures import save_figures
 
-        analysed = (loaded, results, settings.resolved(choice), db_range, doppler_hz and (-doppler_hz, doppler_hz))
-        look = {"only": only, "colormap": colormap, "style": style, "dpi": dpi}
-        for path in save_figures(*analysed, folder=figures, form=figure_format, **look):
+        maps = {"db_range": db_range, "cmap": cmap}
+        analysed = (loaded, results, settings.resolved(choice), maps, doppler_hz)
+        for path in save_figures(*analysed, folder=figures, form=figure_format, only=only, style=style, dpi=dpi):
             print_message(f"figure: {path}")
     if as_json:
         print_json(describe_results(loaded, results))

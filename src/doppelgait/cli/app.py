@@ -96,6 +96,7 @@ app.add_typer(dataset.app, name="dataset")
 app.add_typer(radar.app, name="radar")
 app.add_typer(model.app, name="model")
 dataset.app.command("import")(dataset.import_recordings)
+command: Callable[..., None]
 for command in (dataset.status, dataset.verify, dataset.card, dataset.export, dataset.forms):
     dataset.app.command()(command)
 app.command("demo")(simulate.run_demo)

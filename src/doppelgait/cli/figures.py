@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
-from matplotlib import colormaps, rcParams
 from matplotlib.figure import Figure
 
 from doppelgait import viz
@@ -18,14 +18,9 @@ from doppelgait.processing.clutter import clean_frames
 from doppelgait.radar import Recording
 
 
-def save_figures(
-    *analysed: Any, folder: Path, form: str = "png", only: str = "", colormap: str | None = None, **look: Any
-) -> Iterator[Path]:
+def save_figures(*analysed: Any, folder: Path, form: str = "png", only: str = "", **look: Any) -> Iterator[Path]:
     """Write the figures with a text in their names into a folder."""
-    if (colormap := colormap or rcParams["image.cmap"]) not in colormaps:
-        raise ConfigError(f"--colormap {colormap}: matplotlib has no such map, only {', '.join(sorted(colormaps))}")
     make_folder(folder)
-    rcParams["image.cmap"] = colormap  # of this process, which is a command
     figures = dict(make_figures(*analysed))
     if not (chosen := [name for name in figures if only in name]):
         raise ConfigError(f"--only {only}: no figure has this in its name; there are {', '.join(figures)}")
@@ -37,10 +32,10 @@ def make_figures(
     recording: Recording,
     results: Sequence[Result],
     analysis: Analysis,
-    db_range: float | None = None,
-    doppler_hz: tuple[float, float] | None = None,
+    look: Mapping[str, Any] = MappingProxyType({}),
+    doppler_hz: Any = None,
 ) -> Iterator[tuple[str, Figure]]:
-    """Plot every figure of a recording and its results."""
+    """Plot every figure; the look is that of maps, the limits are those of signatures."""
     recording = recording.with_frames(clean_frames(recording.frames, analysis))
     names = [
         result.label or "target" if len(results) == 1 else f"{number}: {result.label or 'target'}"
@@ -48,12 +43,15 @@ def make_figures(
     ]
     gates = {name: result.gate.limits for name, result in zip(names, results, strict=True)}
     ranged = recording.n_range_bins > 1
-    yield "range-time" if ranged else "level-time", viz.range_time(recording.baseband, tracks=gates, db_range=db_range)
+    yield "range-time" if ranged else "level-time", viz.range_time(recording.baseband, tracks=gates, **look)
     wavelength_m = recording.radar.wavelength_m
     as_reported = analysis.method == "liland2018"
     for number, result in enumerate(results):
         prefix = f"{number}-{result.label or 'target'}".replace(" ", "-")
-        yield (f"{prefix}-overview", viz.overview(recording, result, title=names[number]))
+        yield (
+            f"{prefix}-overview",
+            viz.overview(recording, result, title=names[number], doppler_hz=doppler_hz, **look),
+        )
         middle = result.signature.sizes["time"] // 2
         try:
             cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))
@@ -61,16 +59,16 @@ def make_figures(
             print_message(f"note: no figure {prefix}-range-doppler: {error}")
         else:
             if ranged:
-                look: dict[str, Any] = {"gate": result.gate.limits, "db_range": db_range}
-                yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), **look)
-        yield f"{prefix}-signature", viz.signature(result.signature, db_range=db_range, doppler_hz=doppler_hz)
+                power = cube.isel(time=0)
+                yield f"{prefix}-range-doppler", viz.range_doppler_map(power, gate=result.gate.limits, **look)
+        yield f"{prefix}-signature", viz.signature(result.signature, doppler_hz=doppler_hz, **look)
         pair = viz.signature_normalisation(result.signature, normalised=result.normalised_signature)
         yield f"{prefix}-signature-normalised", pair
         ratios, f_mu_hz = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3), result.gait_frequency_hz
         harmonics_hz = [] if f_mu_hz is None else [None if ratio is None else ratio * f_mu_hz for ratio in ratios]
         marks: dict[str, Any] = {"gait_frequency_hz": f_mu_hz, "harmonics_hz": harmonics_hz}
         marks["doubtful"] = "gait_frequency_hz" in result.doubtful
-        yield f"{prefix}-cadence-velocity", viz.cadence_map(result.cadence_map, db_range=db_range, **marks)
+        yield f"{prefix}-cadence-velocity", viz.cadence_map(result.cadence_map, **marks, **look)
         spectrum = viz.cadence_spectrum(result.cadence_spectrum, amplitude=as_reported, **marks)
         yield f"{prefix}-cadence-spectrum", spectrum
         yield (
@@ -89,7 +87,5 @@ def make_figures(
             yield f"{prefix}-truth-range", viz.range_lines(scatterers)
             yield f"{prefix}-truth-doppler", viz.doppler_lines(scatterers, wavelength_m=wavelength_m)
             truth = viz.scatterer_doppler(scatterers, wavelength_m=wavelength_m)
-            yield (
-                f"{prefix}-signature-truth",
-                viz.signature(result.signature, truth_doppler=truth, main_line_hz=result.main_line_hz),
-            )
+            lines = {"truth_doppler": truth, "main_line_hz": result.main_line_hz, "doppler_hz": doppler_hz}
+            yield f"{prefix}-signature-truth", viz.signature(result.signature, **lines, **look)

@@ -141,13 +141,16 @@ def plot_map(
     y: npt.ArrayLike,
     level_db: FloatArray,
     db_range: tuple[float, float] | float | None,
-    colours: str = style.MAP_COLOURS,
+    cmap: str | None = None,
 ) -> ScalarMappable:
     """Plot levels of shape (y, x), clipped to limits or to a dynamic range."""
     limits_db = level_limits_db(level_db, db_range)
     clipped = np.clip(level_db, *limits_db)
-    chosen = rcParams["image.cmap"]  # the user's, where it is not the default
-    palette = colormaps[colours if chosen == rcParamsDefault["image.cmap"] else chosen].with_extremes(bad=NO_DATA)
+    of_user, usual = rcParams["image.cmap"], rcParamsDefault["image.cmap"]
+    chosen = cmap or (style.MAP_COLOURS if of_user == usual else of_user)
+    if chosen not in colormaps:
+        raise AnalysisError(f"cmap = {chosen!r}: Matplotlib has no such colour map, such as magma")
+    palette = colormaps[chosen].with_extremes(bad=NO_DATA)
     settings: dict[str, Any] = {"cmap": palette, "vmin": limits_db[0], "vmax": limits_db[1]}
     x_edges, y_edges = compute_cell_edges(x), compute_cell_edges(y)
     if x_edges and y_edges:

@@ -18,13 +18,15 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.notebook import DRAWINGS
 from doppelgait.core.plugins import plugin
 from doppelgait.viz import ranges, spectra, style
-from doppelgait.viz.maps import check_signature, doppler_limits_hz
+from doppelgait.viz.maps import check_signature
 
 LEFT = "text-align:left"
 PICTURE_IN = (5.2, 3.2)  # width and height of the picture of an object
 
 
-def overview(recording: Any, result: Any = None, *, title: str | None = None) -> Figure:
+def overview(
+    recording: Any, result: Any = None, *, title: str | None = None, doppler_hz: Any = None, **look: Any
+) -> Figure:
     """Plot a recording and one of its results on a page.
 
     The page has range-time map, signature, cadence-velocity diagram, cadence spectrum and features.
@@ -36,6 +38,8 @@ def overview(recording: Any, result: Any = None, *, title: str | None = None) ->
         One target of :func:`doppelgait.analyze`.
     title : str, optional
         Title; by default the label of the result.
+    doppler_hz, **look
+        As of :func:`signature`; ``db_range`` and ``cmap`` are those of all maps.
 
     Raises
     ------
@@ -63,10 +67,9 @@ def overview(recording: Any, result: Any = None, *, title: str | None = None) ->
     above, below = figure.subfigures(2, 1, squeeze=False)[:, 0]
     parts = (*above.subfigures(1, 2), *below.subfigures(1, 3, width_ratios=(1.3, 1.0, 1.1)))
     panels = [part.subplots() for part in parts]
-    limits_hz = doppler_limits_hz(check_signature(result.signature))
-    ranges.range_time(getattr(recording, "baseband", recording), tracks=gate, ax=panels[0], legend=False)
-    lines: Any = {"main_line_hz": result.main_line_hz, "doppler_hz": limits_hz, "legend": False}
-    ranges.signature(result.signature, ax=panels[1], **lines)
+    ranges.range_time(getattr(recording, "baseband", recording), tracks=gate, ax=panels[0], legend=False, **look)
+    lines: Any = {"main_line_hz": result.main_line_hz, "doppler_hz": doppler_hz, "legend": False}
+    ranges.signature(check_signature(result.signature), ax=panels[1], **lines, **look)
     ratios = [features.get(f"harmonic_ratio_{number}") for number in (2, 3)]
     marks: Any = {
         "gait_frequency_hz": f_mu_hz,
@@ -74,9 +77,9 @@ def overview(recording: Any, result: Any = None, *, title: str | None = None) ->
         "doubtful": "gait_frequency_hz" in result.doubtful,
         "legend": False,
     }
-    spectra.cadence_map(result.cadence_map, ax=panels[2], **marks)
+    spectra.cadence_map(result.cadence_map, ax=panels[2], **marks, **look)
     if panels[2].get_ylabel() == style.DOPPLER_LABEL:
-        panels[2].set_ylim(limits_hz)
+        panels[2].set_ylim(panels[1].get_ylim())
     amplitude = result.analysis.method == "liland2018"
     spectra.cadence_spectrum(result.cadence_spectrum, amplitude=amplitude, ax=panels[3], **marks)
     for axes in panels[:4]:

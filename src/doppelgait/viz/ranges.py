@@ -61,6 +61,7 @@ def range_time(
     *,
     tracks: xr.Dataset | Mapping[str, xr.Dataset] | None = None,
     db_range: float | None = None,
+    cmap: str | None = None,
     title: str | None = None,
     ax: Axes | None = None,
     **shown: Unpack[Shown],
@@ -76,21 +77,13 @@ def range_time(
         Gate limits ``range_low`` and ``range_high`` in m, of one target or of several by label.
     db_range : float, optional
         Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
-    **shown : bool
-        ``colorbar``, ``legend``, False to leave it out.
+    cmap, **shown
+        Colour map of Matplotlib; ``colorbar``, ``legend``, False to leave it out.
 
     Raises
     ------
     AnalysisError
         If an array does not conform to its schema.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> recording = dg.data.sample()
-    >>> figure = dg.viz.range_time(recording.baseband)
-    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
-    ('Range against time', 'time (s)')
     """
     axes = style.make_axes(ax)[1]
     check_array(baseband, BASEBAND)
@@ -102,7 +95,7 @@ def range_time(
         axes.plot(time_s, level_db[0], color=style.LINE, lw=0.7)
         words = "Level against time" if title is None else title
         return finish_axes(axes, ax, words, style.TIME_LABEL, "level (dB re 1 V)", **shown)
-    image = plot_map(axes, time_s, range_m, level_db, db_range)
+    image = plot_map(axes, time_s, range_m, level_db, db_range, cmap)
     limits = axes.get_xlim(), axes.get_ylim()
     named = {"gate": tracks} if isinstance(tracks, xr.Dataset) else dict(tracks or {})
     for (label, gate), (colour, dash) in zip(named.items(), style.map_lines(list(named)), strict=True):
@@ -122,6 +115,7 @@ def range_doppler_map(
     *,
     gate: xr.Dataset | None = None,
     db_range: float | None = None,
+    cmap: str | None = None,
     title: str = "Range-Doppler map",
     ax: Axes | None = None,
     **shown: Unpack[Shown],
@@ -138,8 +132,8 @@ def range_doppler_map(
         the map has no time.
     db_range : float, optional
         Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
-    **shown : bool
-        ``colorbar``, ``velocity_axis``, ``legend``, False to leave it out.
+    cmap, **shown
+        Colour map; ``colorbar``, ``velocity_axis``, ``legend``, False to leave it out.
 
     Raises
     ------
@@ -160,7 +154,7 @@ def range_doppler_map(
     check_array(power, ONE_MAP)
     axes = style.make_axes(ax)[1]
     range_m, doppler_hz = power.coords["range"].values, power.coords["doppler"].values
-    image = plot_map(axes, range_m, doppler_hz, compute_level_db(power.values), db_range)
+    image = plot_map(axes, range_m, doppler_hz, compute_level_db(power.values), db_range, cmap)
     time_s = float(power.coords["time"]) if "time" in power.coords else None
     if gate is not None:
         gates = check_gate(gate, *GATE_RANGES, *GATE_BAND)
@@ -187,7 +181,8 @@ def signature(
     truth_doppler: xr.DataArray | None = None,
     main_line_hz: npt.ArrayLike | None = None,
     db_range: float | Limits | None = None,
-    doppler_hz: Limits | None = None,
+    doppler_hz: float | Limits | None = None,
+    cmap: str | None = None,
     title: str = "Micro-Doppler signature",
     ax: Axes | None = None,
     **shown: Unpack[Shown],
@@ -207,10 +202,10 @@ def signature(
     db_range : float or (float, float), optional
         Dynamic range below the strongest cell in dB, or lowest and highest level; by default down
         to the noise, at most 40 dB.
-    doppler_hz : (float, float), optional
-        Doppler limits; by default the occupied part of the axis with 0 Hz and a margin.
-    **shown : bool
-        ``colorbar``, ``velocity_axis``, ``legend``, False to leave it out.
+    doppler_hz : float or (float, float), optional
+        Doppler limits, or both; by default the occupied part of the axis with 0 Hz and a margin.
+    cmap, **shown
+        Colour map; ``colorbar``, ``velocity_axis``, ``legend``, False to leave it out.
 
     Raises
     ------
@@ -225,9 +220,13 @@ def signature(
     >>> figure = dg.viz.signature(result.signature)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Micro-Doppler signature', 'time (s)')
+    >>> len(dg.viz.range_time(recording.baseband, cmap="viridis", db_range=30.0).axes)
+    2
     """
     wavelength = wavelength_m(check_signature(signature))
     axes = style.make_axes(ax)[1]
+    if isinstance(doppler_hz, int | float):
+        doppler_hz = (-doppler_hz, doppler_hz)
     limits_hz = doppler_hz or doppler_limits_hz(
         signature, lines_hz=() if truth_doppler is None else truth_doppler.values
     )
@@ -237,7 +236,7 @@ def signature(
         signature.coords["doppler"].values,
         compute_level_db(signature.values).T,
         db_range,
-        style.MAP_COLOURS if truth_doppler is None else style.OVERLAY_COLOURS,
+        cmap or (None if truth_doppler is None else style.OVERLAY_COLOURS),
     )
     width_s = axes.get_xlim()
     if truth_doppler is not None:

@@ -77,6 +77,8 @@ def cadence_spectrum(
     >>> figure = dg.viz.cadence_spectrum(result.cadence_spectrum)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Cadence spectrum', 'cadence (Hz)')
+    >>> len(dg.viz.cadence_map(result.cadence_map, cmap="gray").axes)
+    2
     """
     axes = style.make_axes(ax, height_in=4.6)[1]
     cropped = _crop(check_array(spectrum, CADENCE_SPECTRUM), max_cadence_hz, gait_frequency_hz)
@@ -206,6 +208,7 @@ def cadence_map(
     harmonics_hz: Sequence[float | None] | None = None,
     max_cadence_hz: float | None = None,
     db_range: float | None = None,
+    cmap: str | None = None,
     doubtful: bool = False,
     title: str = "Cadence-velocity diagram",
     ax: Axes | None = None,
@@ -228,28 +231,19 @@ def cadence_map(
         Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
     doubtful : bool
         True if the gait frequency has low confidence; it is then shown with a question mark.
-    **shown : bool
-        ``colorbar``, ``velocity_axis``, ``legend``, False to leave it out.
+    cmap, **shown
+        Colour map; ``colorbar``, ``velocity_axis``, ``legend``, False to leave it out.
 
     Raises
     ------
     AnalysisError
         If the array does not conform to its schema or has no cadence below ``max_cadence_hz``.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> recording = dg.data.sample()
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> figure = dg.viz.cadence_map(result.cadence_map)
-    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
-    ('Cadence-velocity diagram', 'cadence (Hz)')
     """
     axes = style.make_axes(ax)[1]
     cropped = _crop(check_array(cadence_map, CADENCE_MAP), max_cadence_hz, gait_frequency_hz)
     level_db = amplitude_to_db(cropped.values).T
     cadence_hz = cropped.coords["cadence"].values
-    image = plot_map(axes, cadence_hz, cropped.coords["doppler"].values, level_db, db_range)
+    image = plot_map(axes, cadence_hz, cropped.coords["doppler"].values, level_db, db_range, cmap)
     axes.set(xlim=(0.0, float(cadence_hz[-1])), ylim=doppler_limits_hz(cropped**2))
     if gait_frequency_hz is not None:
         higher_hz = (2.0 * gait_frequency_hz, 3.0 * gait_frequency_hz) if harmonics_hz is None else harmonics_hz
