@@ -147,16 +147,6 @@ def test_memory_of_planes_is_used_again_when_no_view_is_left():
     assert borrow_planes((2, 3, 32)).ctypes.data == place
 
 
-def test_samples_that_are_kept_do_not_change_when_others_are_made():
-    planes = borrow_planes((2, 3, 32))
-    planes[:] = 2.0
-    kept = Samples.from_planes(planes, 30)
-    del planes
-    for _ in range(3):
-        borrow_planes((2, 3, 32))[:] = 5.0
-    assert (kept.matrix == 2.0 + 2.0j).all()
-
-
 @pytest.mark.parametrize(
     "read",
     [
