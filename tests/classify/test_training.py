@@ -10,7 +10,6 @@ from doppelgait.classify.network import CHANNELS
 from doppelgait.classify.training import (
     BASELINES,
     CLASSIFIERS,
-    DEFAULT,
     find_kind,
     fit,
     join,
@@ -81,12 +80,6 @@ def test_features_of_a_classifier_are_checked(registered):
         registered(train_logistic, features="smell")
     with pytest.raises(AssertionError, match="is not registered"):
         check_classifier("oracle")
-
-
-def test_an_unknown_model_is_refused_with_those_that_are_known():
-    with pytest.raises(ConfigError, match="model 'oracle' is not known; allowed are ensemble, extended-boosting"):
-        find_kind("oracle")
-    assert all(name in CLASSIFIERS for name in (*DEFAULT, *BASELINES))
 
 
 @pytest.mark.parametrize("attribute", ["_predictors", "_baseline_prediction"])

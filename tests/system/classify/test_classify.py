@@ -547,7 +547,10 @@ def test_decision_and_abstentions(found):
     unsure = decide(a_target(feature_step_length_m=1.45), model, 1)
     assert unsure.abstained
     assert unsure.reason.startswith("probability 0.")
-    for flag in ("no_signal", "aspect_beyond_75_deg:gait_is_hidden", "clutter_removal_took_30_per_cent:a_torso"):
+    for flag in (
+        "no_signal", "aspect_beyond_75_deg:gait_is_hidden", "clutter_removal_took_30_per_cent:a_torso",
+        "folded_echo_of:2", "not_a_moving_body:moves_like_a_thing", "unknown_target:x",
+    ):  # fmt: skip
         blocked = decide(a_target("harmonic_ratio_3:none", flag, feature_step_length_m=2.2), model, 0)
         assert blocked.abstained
         assert blocked.reason == f"flag {flag}"

@@ -195,8 +195,6 @@ def test_sizes_are_printed(file, tmp_path):
         (["--form", "tflite"], "allowed are c, numpy, onnx"),
         (["--form", "onnx", "--radar", "x4"], "are for --form c"),
         (["--form", "numpy", "--int8"], "are for --form c"),
-        (["--form", "c"], "which needs --radar"),
-        (["--form", "c", "--radar", "x4", "--prf-hz", "100"], "prf_hz 100 is outside"),
     ],
 )
 def test_what_cannot_be_exported_is_refused(file, tmp_path, arguments, words):
