@@ -61,18 +61,6 @@ def test_new_values_share_the_coordinates_and_leave_the_old_array_alone():
             labels.replace_array_values(old, np.zeros(shape))
 
 
-def test_coordinates_can_be_taken_from_a_like_array():
-    cadence_hz = np.array([0.0, 0.5])
-    made = (
-        labels.Signal.of(signature(), labels.SIGNATURE)
-        .with_axes(labels.CADENCE_MAP, np.zeros((2, 3)), cadence=cadence_hz)
-        .label()
-    )
-    assert set(made.coords) == {"cadence", "doppler", "velocity"}
-    np.testing.assert_array_equal(labels.read_axis(made, "doppler"), DOPPLER_HZ)
-    np.testing.assert_array_equal(made.sel(cadence=0.5, doppler=-10.0), 0.0)
-
-
 def test_a_coordinate_of_another_length_or_missing_is_named():
     coords = {"time": TIME_S, "doppler": DOPPLER_HZ}
     with pytest.raises(ValueError, match="coordinate 'time'"):
