@@ -801,21 +801,3 @@ def test_another_radar_or_analysis_is_warned_of(found, recording):
     assert "prf_hz 1300 is outside the accepted range, 180 to 330 (training range 200 to 300)" in decisions[0].reason
     texts = " ".join(str(entry.message) for entry in said)
     assert "cpi_s 0.1 instead of 0.2" in texts
-
-
-@pytest.mark.release
-def test_an_ensemble_is_one_model_with_its_members_beside_it(dataset, tmp_path):
-    seen = []
-    found = evaluate(dataset, on_progress=lambda done, of: seen.append((done, of)))
-    models = found.document["models"]
-    assert found.best == "ensemble"
-    assert {"extended-logistic", "extended-boosting", "six-logistic", "ensemble"} <= set(models)
-    assert seen[-1][0] == seen[-1][1]
-    ensemble = found.models["ensemble"]
-    assert len(ensemble.learned.members) in (2, 3)  # with torch a network
-    # kept, loaded and asked about a target it decides as it was scored
-    again = load_model(save_model(ensemble, tmp_path / "e.npz"))
-    tested = found.answers.iloc[0]
-    number = int(np.flatnonzero(dataset.index["id"] == tested["id"])[0])
-    target = TargetInputs(dataset.index.iloc[number].to_dict(), dataset.example(number).signature)
-    assert decide(target, again, 0).probabilities["human"] == pytest.approx(tested["ensemble:human"], abs=1e-5)

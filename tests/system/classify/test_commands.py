@@ -218,9 +218,11 @@ def _no_torch(monkeypatch):
 
 @pytest.mark.usefixtures("_no_torch")
 def test_all_others_run_and_the_line_says_what_to_do(dataset):
-    document = evaluate(dataset).document
+    found = evaluate(dataset)
+    document = found.document
     assert "signature-network" not in document["models"]
     assert "extended-boosting" in document["models"]
+    assert found.best == "ensemble"
     assert any("pip install 'doppelgait[torch]'" in note for note in document["notes"])
     with pytest.raises(DatasetError, match="pip install 'doppelgait"):
         evaluate(dataset, models=["signature-network"])
