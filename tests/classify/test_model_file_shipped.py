@@ -20,7 +20,6 @@ def test_a_model_is_of_this_data_version_and_its_card_tells_what_it_is(name):
     assert tuple(card["classes"]) == model.facts.classes == ("human", "animal")
     assert card["conditions"] == {key: list(span) for key, span in model.facts.conditions.items()}
     assert "synthetic" in card["trained_on"]
-    assert card["licence"] == "Apache-2.0"
     assert set(card["recorded_movers"]) == {"all", "held", "tuning", "by_gait"}
     assert (FOLDER / f"{name}.npz").stat().st_size < 700_000
     assert card["synthetic_test"]["balanced_accuracy"]["value"] > 0.85
@@ -33,11 +32,9 @@ def test_a_model_is_of_this_data_version_and_its_card_tells_what_it_is(name):
     ("carrier_hz", "prf_hz", "name"),
     [
         (7.29e9, 500, "x4"),
-        (7.29e9, 1600, "x4"),
         (7.29e9, 1740, "x4"),
         (24e9, 1000, "fmcw-24"),
         (61e9, 5434, "fmcw-60"),
-        (62e9, 3333, "fmcw-60"),
     ],
 )
 def test_the_radar_chooses(carrier_hz, prf_hz, name):

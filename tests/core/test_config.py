@@ -12,9 +12,9 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import list_plugin_groups
 from doppelgait.data import DEMO
 from doppelgait.dataset.config import PlanConfig, load_plan
-from doppelgait.pipeline import Noise, Run, parse_radar, parse_run
+from doppelgait.pipeline import Noise, Run, parse_run
 from doppelgait.processing import Analysis
-from doppelgait.radar import Radar, list_preset_names
+from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
 SCENE = """\
@@ -293,14 +293,6 @@ def test_canonical_json_does_not_depend_on_the_order():
     assert config.format_canonical_json(one) == config.format_canonical_json(two)
     radar = Radar.preset("x4")
     assert Radar.model_validate_json(config.format_canonical_json(radar)) == radar
-
-
-@pytest.mark.parametrize("name", list_preset_names())
-def test_every_preset_is_a_radar(name):
-    found = parse_radar(name)
-    assert found["radar"] == Radar.preset(name)
-    assert not found["auto_prf"]
-    assert parse_radar({"preset": name, "prf_hz": "auto"})["auto_prf"]
 
 
 @pytest.mark.parametrize("value", ["c", None, ["a"], "a, b"])

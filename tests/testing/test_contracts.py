@@ -10,7 +10,7 @@ import pytest
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
 from doppelgait.features import FEATURES
-from doppelgait.radar import WAVEFORMS, Radar, Waveform, compute_scatterer_arrays
+from doppelgait.radar import WAVEFORMS, Radar
 from doppelgait.radar.impairments import IMPAIRMENTS, make_impairment
 from doppelgait.radar.waveforms.pulses import Impulse
 from doppelgait.testing import check_feature, check_impairment, check_waveform
@@ -130,26 +130,6 @@ LFM = Radar(waveform="lfm", **COMMON, **RADARS["lfm"])
 def test_what_is_not_registered_or_not_the_radars_is_caught(check, message):
     with pytest.raises(AssertionError, match=message):
         check()
-
-
-def test_a_small_waveform_needs_two_methods(register):
-    @register("waveform")
-    class Triangle(Waveform):
-        kind: Literal["triangle"] = "triangle"
-        width_m: float = 0.5
-
-        def synthesise(self, scatterers, radar):
-            range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
-            phase_rad = radar.transmit_phase_rad - 4 * np.pi * range_m / radar.wavelength_m
-            if "path_phase" in scatterers:
-                phase_rad = phase_rad + scatterers["path_phase"].values
-            shape = np.maximum(1 - np.abs(radar.range_axis_m() - range_m[..., None]) / self.width_m, 0)
-            return ((amplitude_v * np.exp(1j * phase_rad))[..., None] * shape).sum(axis=1).astype(np.complex64)
-
-        def resolution_m(self, radar):
-            return (2 - 2**0.5) * self.width_m
-
-    check_waveform("triangle", Radar(waveform={"kind": "triangle", "width_m": 0.7}, sample_rate_hz=3e9, **COMMON))
 
 
 IMPAIRED = {
