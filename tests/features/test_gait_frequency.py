@@ -62,19 +62,6 @@ def test_steps_that_are_already_the_strongest_are_kept(stride_hz):
     assert found.half_probability + found.double_probability < 0.1
 
 
-def test_slow_steps_of_a_steady_trunk_are_kept_or_doubted():
-    found = estimate(stride_hz=0.9, alike=True, sway_hz=0.0)
-    assert found.frequency_hz == pytest.approx(1.8, rel=0.01) or found.confidence < 0.7
-
-
-def test_noise_lowers_the_confidence_and_keeps_the_octave():
-    clean = estimate(stride_hz=1.05, alike=True)
-    noisy = [estimate(stride_hz=1.05, alike=True, noise=0.1, seed=seed) for seed in range(5)]
-    for found in noisy:  # the torso is 10 dB, a limb 2 dB above the noise floor
-        assert found.frequency_hz == pytest.approx(2.1, rel=0.02)
-    assert np.mean([found.confidence for found in noisy]) < clean.confidence
-
-
 def test_limbs_that_are_noise_double_nothing():
     # a torso that sways at 1 Hz with noise about it: the rows beyond it repeat at no period
     normalised, excess = make_signature(stride_hz=1.0, alike=True, noise=0.05)
