@@ -152,15 +152,6 @@ def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members(joine
     assert p.sum(axis=1) == pytest.approx(1.0)
 
 
-def test_an_ensemble_without_pictures_has_members_without_them():
-    train, held = (
-        LabelledRows(select_features(part.values), part.labels) for part in (two_views(200, 0), two_views(60, 1))
-    )
-    found = fit(find_kind("ensemble"), train, held, n_classes=2, seed=0)
-    assert [member.kind for member in found.members] == ["linear", "trees"]
-    assert (found.log_probability(held.values).argmax(axis=1) == held.labels).mean() > 0.7
-
-
 @pytest.mark.parametrize(
     ("change", "says"),
     [

@@ -69,19 +69,6 @@ def test_a_coordinate_of_another_length_or_missing_is_named():
         labels.make_array(labels.SIGNATURE, np.zeros((5, 3)), coords)
 
 
-def test_axes_are_those_of_the_coordinates_numbers_and_names():
-    array = signature()
-    for name in ("time", "doppler", "velocity", "centre_range"):
-        np.testing.assert_array_equal(labels.read_axis(array, name), array.coords[name].values)
-        assert labels.read_axis(array.to_dataset(), name).dtype == np.float64
-    coords = {"time": TIME_S, "marker": ["head", "toe"], "space": ["x", "y", "z"], "part": ("marker", ["a", "b"])}
-    motion = labels.make_array(labels.MOTION, np.zeros((5, 2, 3)), coords)
-    assert labels.read_axis(motion, "marker").tolist() == ["head", "toe"]
-    assert labels.read_axis(motion, "marker").dtype == motion.coords["marker"].dtype
-    with pytest.raises(KeyError):
-        labels.read_axis(array, "range")
-
-
 def test_an_edit_of_one_array_reaches_no_other():
     from doppelgait.motion.models import boulic_walk
 

@@ -97,12 +97,6 @@ def test_the_scene_file_gives_the_same_baseband(tmp_path, given):
     assert np.array_equal(again.baseband.values, page.run_of(parameters).require_recording().baseband.values)
 
 
-@pytest.mark.parametrize("speed", ["0.3", "1.9", "9"])
-def test_at_every_speed_the_page_has_features(speed):
-    velocity_mps = page.run_of({"speed_mps": speed}).targets(None)[0].result.features.torso_velocity_mps
-    assert velocity_mps == pytest.approx(float(speed), rel=0.1, abs=0.05)
-
-
 @pytest.mark.parametrize("given", [
     {"range_m": "1"},
     {"range_m": "1", "aspect_deg": "80", "company": "dog"},
