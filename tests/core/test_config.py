@@ -12,7 +12,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import list_plugin_groups
 from doppelgait.data import DEMO
 from doppelgait.dataset.config import PlanConfig, load_plan
-from doppelgait.pipeline import Noise, Run, parse_run
+from doppelgait.pipeline import Noise, Run, parse_radar, parse_run
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
@@ -293,6 +293,11 @@ def test_canonical_json_does_not_depend_on_the_order():
     assert config.format_canonical_json(one) == config.format_canonical_json(two)
     radar = Radar.preset("x4")
     assert Radar.model_validate_json(config.format_canonical_json(radar)) == radar
+
+
+def test_the_pulse_rate_of_a_preset_can_be_left_to_the_scene():
+    found = parse_radar({"preset": "x4", "prf_hz": "auto"})
+    assert (found["radar"], found["auto_prf"]) == (Radar.preset("x4"), True)
 
 
 @pytest.mark.parametrize("value", ["c", None, ["a"], "a, b"])

@@ -412,7 +412,8 @@ def test_matrix_shows_shares_of_each_class() -> None:
 @pytest.mark.parametrize(
     ("name", "label"),
     [
-        ("ground_speed_mps", "ground speed (m/s)"), ("snr_mu_db", "SNR of the signature (dB)"), ("m", "m"),
+        ("harmonic_ratio_2", "second harmonic ratio"), ("ground_speed_mps", "ground speed (m/s)"),
+        ("snr_mu_db", "SNR of the signature (dB)"), ("m", "m"),
     ],
 )  # fmt: skip
 def test_units_come_from_the_column_names(name: str, label: str) -> None:

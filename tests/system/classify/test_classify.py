@@ -373,7 +373,7 @@ def wrong_datasets():
         (made_up(), {"other": lacking}, "has no feature 'limb_torso_ratio'"),
         (made_up(), {"other": cats}, "has the classes cat"),
         (made_up(), {"other": made_up()}, "is the training dataset"),
-        (made_up(), {"models": ["six-net"]}, "model 'six-net' is not known"),
+        (made_up(), {"models": ["six-net"]}, "model 'six-net' is not known; allowed are ensemble, extended"),
         (made_up(), {"n_folds": 1}, "must be from 2 to 60"),
         (made_up(), {"left_out": "colour"}, "no such column"),
         (made_up(), {"left_out": "source"}, "has 1 values"),
