@@ -231,6 +231,7 @@ def test_all_faults_of_inner_tables_come_in_one_message() -> None:
         ("radar.prf_hz=-5", r"prf_hz.*-5.*greater than or equal to 0.001"),
         ("radar.sped=5", r"sped.*unknown key.*prf_hz"),
         ("nothing=5", "nothing: unknown key; allowed are seed"),
+        ("targets.5=5", "targets.5"),
     ],
 )
 def test_wrong_overrides_are_explained(scene_file, override, message):
@@ -239,12 +240,12 @@ def test_wrong_overrides_are_explained(scene_file, override, message):
 
 
 def test_overrides_do_not_change_the_table_given():
-    table = {"a": {"b": [1, 2]}}
-    assert config.apply_overrides(table, ["a.b.1=5", "a.c=text", "d.e=true"]) == {
-        "a": {"b": [1, 5], "c": "text"},
+    table = {"a": {"b": [1, {"f": 2}]}}
+    assert config.apply_overrides(table, ["a.b.0=5", "a.b.1.f=6", "a.c=text", "d.e=true"]) == {
+        "a": {"b": [5, {"f": 6}], "c": "text"},
         "d": {"e": True},
     }
-    assert table == {"a": {"b": [1, 2]}}
+    assert table == {"a": {"b": [1, {"f": 2}]}}
 
 
 # --- Files --------------------------------------------------------------------------------------------------------
@@ -296,8 +297,8 @@ def test_canonical_json_does_not_depend_on_the_order():
 
 
 def test_the_pulse_rate_of_a_preset_can_be_left_to_the_scene():
-    found = parse_radar({"preset": "x4", "prf_hz": "auto"})
-    assert (found["radar"], found["auto_prf"]) == (Radar.preset("x4"), True)
+    found = parse_radar({"preset": "x4-255fps", "prf_hz": "auto"})
+    assert (found["radar"], found["auto_prf"]) == (Radar.preset("x4-255fps"), True)
 
 
 @pytest.mark.parametrize("value", ["c", None, ["a"], "a, b"])
