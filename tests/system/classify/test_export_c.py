@@ -10,7 +10,7 @@ import pytest
 
 import doppelgait as dg
 from doppelgait.classify import classify_over_time, export_model, load_shipped_model
-from doppelgait.classify.c_code import CSettings, drop_features
+from doppelgait.classify.c_code import CSettings, drop_features, plan_device
 from doppelgait.core.errors import ConfigError
 from export_models import export_model_of, model_of_tracks, random_track_network, require
 from processes import run
@@ -189,3 +189,9 @@ def test_what_does_not_fit_is_refused(tmp_path, model, radar, words):
     assert not (tmp_path / "out").exists()
     with pytest.raises(ConfigError, match="which needs --radar"):
         export_model(model, "c", tmp_path / "out")
+
+
+def test_a_window_of_the_device_is_that_of_the_model():
+    device = plan_device(load_shipped_model("x4").of_tracks, CSettings(X4))
+    assert device.n_columns == 24
+    assert device.taper.size + 4 * device.hop * device.n_columns == pytest.approx(2.5 * 500.0, abs=50)
