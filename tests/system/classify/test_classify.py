@@ -163,6 +163,17 @@ def test_scores_of_a_dataset_that_can_be_told(found):
     json.dumps(found.document, allow_nan=False)
 
 
+def test_answers_agree_with_the_scores(found):
+    table, model = found.answers, found.document["models"]["six-logistic"]
+    shares = (table["six-logistic:class"] == table["label"]).groupby(table["label"]).mean()
+    assert model["balanced_accuracy"]["value"] == pytest.approx(shares.mean())
+    assert model["decided"]["n"] == table["six-logistic:decided"].sum()
+    best = table[["six-logistic:human", "six-logistic:dog"]].max(axis=1)
+    decided = table["six-logistic:decided"]
+    assert (best[decided] >= 0.8).all()
+    assert ((best >= 0.8) & ~decided).sum() <= 3  # outside the training range
+
+
 def test_shuffled_labels_give_chance():
     dataset = made_up(600)
     bodies = dataset.index["group"].unique()
