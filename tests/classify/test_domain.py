@@ -55,14 +55,6 @@ def test_the_same_kind_is_not_told_apart_and_another_is_by_what_differs() -> Non
     assert rows[0]["before"].startswith(f"{other.auc[0]:.2f} (")
 
 
-def test_few_recordings_are_held_out_in_parts() -> None:
-    found = domain.compare_recordings(sensors(0, 2), sensors(1, 2))
-    assert found.held_out == "parts of recordings"
-    (line,) = [row for row in domain.comparison_rows({"my-sensor": found}) if row[""] == "tested on unseen"]
-    assert line["my-sensor"] == "parts of recordings"
-    assert (found.n_real, found.n_synthetic) == (2, 2)
-
-
 def test_simulated_recordings_have_the_pulses_and_bins_of_the_real_ones(tmp_path: Path) -> None:
     cw = Radar.preset("infineon-24")
     times_s = (0.2 * np.arange(6)[:, None] + np.arange(128) / 3000.0).ravel()

@@ -52,8 +52,9 @@ def frames_of(recording):
     return zip(recording.slow_time_s, recording.samples.matrix, strict=True)
 
 
-def stream(frames, **options):
-    return live(frames, RADAR, MODEL, window_s=2.0, hop_s=0.7, analysis=Analysis(), **options)
+def live_of(recording, frames=None, **options):
+    frames = frames_of(recording) if frames is None else frames
+    return live(frames, recording.radar, MODEL, **{"window_s": 2.0, "hop_s": 0.7, "analysis": Analysis(), **options})
 
 
 def same(found, expected):
@@ -68,7 +69,7 @@ def of_file(recording, **options):
 
 @pytest.mark.parametrize("hop_s", [0.7, 0.3333])
 def test_a_stream_gives_the_decisions_of_its_file(walk, hop_s):
-    found = live(frames_of(walk), RADAR, MODEL, window_s=2.0, hop_s=hop_s, analysis=Analysis())
+    found = live_of(walk, hop_s=hop_s)
     expected = of_file(walk, hop_s=hop_s)
     same(list(found), expected)
     assert len(expected) == int((4.2 - 2.0) / hop_s + 1e-9) + 1
@@ -85,7 +86,7 @@ def test_missing_and_malformed_frames_are_those_of_a_file_without_them(walk, gap
     frames[900] = (frames[900][0], frames[900][1][:-1])
     frames[1200] = (frames[1200][0], np.full(walk.n_range_bins, np.nan))
     del frames[500 : 500 + gap]
-    found = stream(frames)
+    found = live_of(walk, frames)
     kept = np.delete(np.arange(walk.n_pulses), lost)
     with pytest.warns(DoppelgaitWarning, match="are missing at|1 pause"):
         file = label_measured(
@@ -105,28 +106,28 @@ def test_missing_and_malformed_frames_are_those_of_a_file_without_them(walk, gap
 def test_jitter_and_another_clock_lose_nothing(walk):
     jitter = np.random.default_rng(1).uniform(-0.3, 0.3, walk.n_pulses)
     times_s = (np.arange(walk.n_pulses) * 1.0005 + jitter) / PRF_HZ
-    found = stream(zip(times_s - times_s[0], walk.samples.matrix, strict=True))
+    found = live_of(walk, zip(times_s - times_s[0], walk.samples.matrix, strict=True))
     same(list(found), of_file(walk))
     assert (found.counts.filled, found.counts.late) == (0, 0)
 
 
 def test_frames_out_of_order_are_left_out(walk):
     frames = list(frames_of(walk))
-    found = stream([*frames[:1000], frames[990], frames[999], *frames[1000:]])
+    found = live_of(walk, [*frames[:1000], frames[990], frames[999], *frames[1000:]])
     same(list(found), of_file(walk))
     assert found.counts.late == 2
 
 
 def test_a_clock_that_jumps_back_is_ignored(walk):
     times_s = walk.slow_time_s - np.where(np.arange(walk.n_pulses) < 1000, 0.0, 100.0)
-    found = stream(zip(times_s, walk.samples.matrix, strict=True))
+    found = live_of(walk, zip(times_s, walk.samples.matrix, strict=True))
     assert [one.label for one in found] == [one.label for one in of_file(walk)]
     assert (found.counts.jumps, found.counts.late, found.counts.filled) == (1, 0, 0)
 
 
 def test_after_a_gap_longer_than_a_window_windows_begin_anew(walk):
     times_s = walk.slow_time_s + np.where(np.arange(walk.n_pulses) < 1000, 0.0, 100.0)
-    found = stream(zip(times_s, walk.samples.matrix, strict=True))
+    found = live_of(walk, zip(times_s, walk.samples.matrix, strict=True))
     assert [one.start_s for one in found] == pytest.approx([100.0 + 1000 / PRF_HZ, 100.7 + 1000 / PRF_HZ])
     assert found.counts.jumps == 1
     assert found.counts.filled == 0
@@ -136,7 +137,7 @@ def test_after_a_gap_longer_than_a_window_windows_begin_anew(walk):
 def test_frames_of_another_rate_are_said(walk, rate, monkeypatch):
     monkeypatch.setattr(live_module, "analyze_window", lambda *_: TargetList())
     with pytest.warns(DoppelgaitWarning, match="prf_hz = 700 does not match their times"):
-        list(stream(zip(walk.slow_time_s / rate, walk.samples.matrix, strict=True)))
+        list(live_of(walk, zip(walk.slow_time_s / rate, walk.samples.matrix, strict=True)))
 
 
 class Analyses:
@@ -163,7 +164,7 @@ def test_an_analysis_that_is_behind_skips_hops_and_takes_the_newest(walk, monkey
                 assert rest.wait(timeout=20)
             yield frame
 
-    found = stream(sensor(), skip=True)
+    found = live_of(walk, sensor(), skip=True)
     done = threading.Thread(target=list, args=(found,))
     done.start()
     assert came.wait(timeout=20)
@@ -185,7 +186,7 @@ def test_a_file_waits_for_the_analysis(walk, monkeypatch):
             taken.append(frame[0])
             yield frame
 
-    found = stream(file())
+    found = live_of(walk, file())
     done = threading.Thread(target=list, args=(found,))
     done.start()
     assert analyses.began.acquire(timeout=20)
@@ -202,7 +203,7 @@ def test_what_the_source_raises_is_raised(walk):
         raise RecordingError("the sensor was unplugged")
 
     with pytest.raises(RecordingError, match="unplugged"):
-        list(stream(broken()))
+        list(live_of(walk, broken()))
 
 
 def test_a_window_that_cannot_be_analysed_is_counted_and_said_once(walk, monkeypatch):
@@ -210,7 +211,7 @@ def test_a_window_that_cannot_be_analysed_is_counted_and_said_once(walk, monkeyp
         raise AnalysisError("no good")
 
     monkeypatch.setattr(live_module, "analyze_window", refuse)
-    found = stream(frames_of(walk))
+    found = live_of(walk)
     with pytest.warns(DoppelgaitWarning, match="cannot be analysed: no good") as said:
         assert list(found) == []
     assert len(said) == 1
@@ -238,11 +239,6 @@ def bursts():
     radar = Radar.preset("infineon-24-burst")
     scene = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=6.2), range_m=5.0)])
     return simulate(scene, radar, rng=rng(3), snr_db=20.0)
-
-
-def live_of(recording, frames=None, **options):
-    frames = frames_of(recording) if frames is None else frames
-    return live(frames, recording.radar, MODEL, window_s=2.0, hop_s=0.7, analysis=Analysis(), **options)
 
 
 def test_a_stream_in_bursts_gives_the_decisions_of_its_file(bursts):

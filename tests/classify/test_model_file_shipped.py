@@ -20,7 +20,6 @@ def test_a_model_is_of_this_data_version_and_its_card_tells_what_it_is(name):
     assert tuple(card["classes"]) == model.facts.classes == ("human", "animal")
     assert card["conditions"] == {key: list(span) for key, span in model.facts.conditions.items()}
     assert "synthetic" in card["trained_on"]
-    assert card["licence"] == "Apache-2.0"
     assert set(card["recorded_movers"]) == {"all", "held", "tuning", "by_gait"}
     assert (FOLDER / f"{name}.npz").stat().st_size < 700_000
     assert card["synthetic_test"]["balanced_accuracy"]["value"] > 0.85
@@ -33,11 +32,9 @@ def test_a_model_is_of_this_data_version_and_its_card_tells_what_it_is(name):
     ("carrier_hz", "prf_hz", "name"),
     [
         (7.29e9, 500, "x4"),
-        (7.29e9, 1600, "x4"),
         (7.29e9, 1740, "x4"),
         (24e9, 1000, "fmcw-24"),
         (61e9, 5434, "fmcw-60"),
-        (62e9, 3333, "fmcw-60"),
     ],
 )
 def test_the_radar_chooses(carrier_hz, prf_hz, name):
@@ -56,11 +53,6 @@ def test_a_changed_model_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(model_file, "FOLDER", tmp_path)
     with pytest.raises(DatasetError, match=r"x4\.npz: is not the model that came with this version"):
         load_shipped_model.__wrapped__("x4")
-
-
-def test_an_unknown_name_lists_those_there_are():
-    with pytest.raises(ConfigError, match=r"shipped models are .*x4"):
-        load_shipped_model("x5")
 
 
 def test_no_shipped_model_is_for_bursts():

@@ -38,11 +38,6 @@ def test_only_the_look_raises(number):
     raise_if_stopped()
 
 
-def test_a_signal_that_nothing_looked_at_counts_at_the_end():
-    with pytest.raises(KeyboardInterrupt), stop_in_order():
-        signal.raise_signal(signal.SIGINT)
-
-
 def test_an_error_of_the_work_comes_before_the_signal():
     @stop_in_order()
     def work():

@@ -61,37 +61,12 @@ def test_new_values_share_the_coordinates_and_leave_the_old_array_alone():
             labels.replace_array_values(old, np.zeros(shape))
 
 
-def test_coordinates_can_be_taken_from_a_like_array():
-    cadence_hz = np.array([0.0, 0.5])
-    made = (
-        labels.Signal.of(signature(), labels.SIGNATURE)
-        .with_axes(labels.CADENCE_MAP, np.zeros((2, 3)), cadence=cadence_hz)
-        .label()
-    )
-    assert set(made.coords) == {"cadence", "doppler", "velocity"}
-    np.testing.assert_array_equal(labels.read_axis(made, "doppler"), DOPPLER_HZ)
-    np.testing.assert_array_equal(made.sel(cadence=0.5, doppler=-10.0), 0.0)
-
-
 def test_a_coordinate_of_another_length_or_missing_is_named():
     coords = {"time": TIME_S, "doppler": DOPPLER_HZ}
     with pytest.raises(ValueError, match="coordinate 'time'"):
         labels.make_array(labels.SIGNATURE, np.zeros((4, 3)), coords)
     with pytest.raises(AnalysisError, match="'velocity' along 'doppler' is missing"):
         labels.make_array(labels.SIGNATURE, np.zeros((5, 3)), coords)
-
-
-def test_axes_are_those_of_the_coordinates_numbers_and_names():
-    array = signature()
-    for name in ("time", "doppler", "velocity", "centre_range"):
-        np.testing.assert_array_equal(labels.read_axis(array, name), array.coords[name].values)
-        assert labels.read_axis(array.to_dataset(), name).dtype == np.float64
-    coords = {"time": TIME_S, "marker": ["head", "toe"], "space": ["x", "y", "z"], "part": ("marker", ["a", "b"])}
-    motion = labels.make_array(labels.MOTION, np.zeros((5, 2, 3)), coords)
-    assert labels.read_axis(motion, "marker").tolist() == ["head", "toe"]
-    assert labels.read_axis(motion, "marker").dtype == motion.coords["marker"].dtype
-    with pytest.raises(KeyError):
-        labels.read_axis(array, "range")
 
 
 def test_an_edit_of_one_array_reaches_no_other():

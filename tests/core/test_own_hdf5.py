@@ -36,16 +36,6 @@ def test_no_other_place_of_the_package_opens_hdf5_for_reading() -> None:
     assert found == {"core/own_hdf5.py"}, "use open_hdf5 of core/own_hdf5.py"
 
 
-def test_a_plain_file_is_opened_as_h5py_does(tmp_path: Path) -> None:
-    path = plain(tmp_path / "a.h5", **{"group/values": np.arange(5.0), "text": "long " * 2000})
-    with open_hdf5(path) as file:
-        assert file["group/values"][:].tolist() == [0, 1, 2, 3, 4]
-        assert file["text"][()].decode() == "long " * 2000
-    (tmp_path / "no.h5").write_bytes(b"no HDF5")
-    with pytest.raises(ValueError, match="not an HDF5 file"):
-        open_hdf5(tmp_path / "no.h5")
-
-
 def test_addresses_of_other_sizes_are_refused(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "small.h5", "w", libver="earliest"):
         pass

@@ -1,10 +1,9 @@
 from typing import Any, Literal
 
 import pytest
-from pydantic import ConfigDict
 
 from doppelgait.core import plugins
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import Group, plugin
 
@@ -91,13 +90,3 @@ def test_tables_names_and_models_are_parsed(group: Group[Any]) -> None:
         group.parse({"kind": "offset", "level": 2})
     with pytest.raises(ConfigError, match="unknown demo effect 'x'; known are: offset, plain"):
         group["x"]
-
-
-def test_a_field_of_a_group_round_trips(group: Group[Any]) -> None:
-    class Chain(FrozenModel):
-        model_config = ConfigDict(arbitrary_types_allowed=True)
-        effects: tuple[group.field(), ...] = ()  # type: ignore[valid-type]
-
-    chain = validate(Chain, {"effects": [{"kind": "offset", "level_v": 5.0}, "offset"]})
-    assert chain.model_dump() == {"effects": ({"kind": "offset", "level_v": 5.0}, {"kind": "offset", "level_v": 1.0})}
-    assert validate(Chain, chain.model_dump()) == chain

@@ -123,17 +123,6 @@ def test_functions_of_numpy_and_further_operators_are_those_of_the_matrix(layout
     np.testing.assert_array_equal(samples, plain, "nothing was changed in place")
 
 
-@pytest.mark.parametrize("layout", [0, 1])
-def test_noise_pending_and_frozen_samples_share_no_memory_that_changes(layout):
-    samples = both()[layout]
-    noisy = samples.with_noise(KEY, 1.0)
-    frozen, once = noisy.freeze(), noisy.matrix.copy()
-    noisy.add_pending_noise()
-    noisy += 1.0
-    assert np.asarray(samples) == pytest.approx(matrix())
-    assert np.asarray(frozen) == pytest.approx(once)
-
-
 def test_memory_of_planes_is_used_again_when_no_view_is_left():
     first = borrow_planes((2, 3, 32))
     view, place = first[1, :, 4:], first.ctypes.data
@@ -145,16 +134,6 @@ def test_memory_of_planes_is_used_again_when_no_view_is_left():
     assert (view == 7.0).all()
     del view
     assert borrow_planes((2, 3, 32)).ctypes.data == place
-
-
-def test_samples_that_are_kept_do_not_change_when_others_are_made():
-    planes = borrow_planes((2, 3, 32))
-    planes[:] = 2.0
-    kept = Samples.from_planes(planes, 30)
-    del planes
-    for _ in range(3):
-        borrow_planes((2, 3, 32))[:] = 5.0
-    assert (kept.matrix == 2.0 + 2.0j).all()
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,7 @@ from scipy import stats
 
 import doppelgait as dg
 from doppelgait import processing
-from doppelgait.core import plugins
-from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, CADENCE_SPECTRUM, SIGNATURE, Signal, make_array
 from doppelgait.core.rng import Streams
 from doppelgait.features import (
@@ -23,8 +22,7 @@ from doppelgait.features import (
 )
 from doppelgait.features import doppler as measures
 from doppelgait.features.extended import list_features, measure_extended
-from doppelgait.features.feature_set import NEEDS
-from doppelgait.features.observed import REASONS, Observation, compute_autocorrelation_at
+from doppelgait.features.observed import Observation, compute_autocorrelation_at
 from doppelgait.features.uncertainty import estimate_uncertainties
 from doppelgait.motion.models import breathing_person, moving_point
 from doppelgait.motion.models.boulic import boulic_walk
@@ -106,13 +104,10 @@ def test_drifting_aspect_is_aligned_e29():
     assert result.gait_frequency_hz == pytest.approx(truth.gait_frequency_hz, rel=0.03)
 
 
-def test_records_of_a_period_or_two_are_flagged_e33():
+def test_a_record_of_a_period_or_two_is_flagged_e33():
     result, _ = walked(0.7, 1.2)
     assert "low_confidence" in result.flags
     assert result.quality["gait_confidence"] < 0.7
-    two, _ = walked(0.8, 1.5)
-    assert 1.4 < two.n_periods < 2.2
-    assert "low_confidence" in two.flags
 
 
 @pytest.mark.parametrize("noise_power_v2", [0.0, 1e-9])
@@ -311,22 +306,6 @@ def test_noise_between_the_harmonics_is_taken_off_the_energy_form_e38():
     assert found.ratio < 0.8 * plain
 
 
-def test_feature_vector_has_the_order_and_units_of_the_equation_e39():
-    features = GaitFeatures(1.0, 200.0, 0.6, 2.0, None, 0.9)
-    np.testing.assert_array_equal(features.vector(), [1.0, 200.0, 0.6, 2.0, np.nan, 0.9])
-    assert list(features.as_dict()) == list(FEATURE_UNITS)
-    assert list(FEATURE_UNITS.values()) == ["m/s", "Hz", "m", "1", "1", "1"]
-
-
-def test_a_recording_without_truth_has_no_true_gate():
-    coords = {"slow_time": np.arange(300) / 1000, "range": np.arange(20) * 0.05}
-    empty = make_array(BASEBAND, np.zeros((300, 20), np.complex64), coords)
-    recording = Recording.from_baseband(empty, Radar.preset("x4"), source="measured.h5")
-    assert analyze(recording) == []
-    with pytest.raises(AnalysisError, match=r"measured\.h5: has no truth"):
-        analyze(recording, gate="truth")
-
-
 def test_the_limb_torso_ratio_searches_at_least_a_quarter_hertz_e38():
     # at 1 Hz, 6 % is 0.06 Hz: a line 0.2 Hz beside the fundamental still counts
     cadence_hz = np.arange(0, 20, 0.05)
@@ -500,18 +479,6 @@ def test_reasons_for_what_is_missing():
     assert found.describe_missing(("line",)) == "main_line_lost_in_noise"
 
 
-def test_features_of_other_packages_and_values_that_are_not_finite(monkeypatch):
-    with pytest.raises(ConfigError, match="torso_share"):
-        dg.plugin("feature", "torso_share", unit="1", source="here")(lambda observed: 1.0)
-    len(FEATURES)  # the built-in ones first
-    own = {name: FEATURES[name] for name in FEATURE_UNITS}
-    monkeypatch.setitem(plugins._REGISTERED, "feature", own)
-    dg.plugin("feature", "mine", unit="1", source="here")(lambda observed: 2.0 * observed.observation_s)
-    dg.plugin("feature", "broken", unit="1", source="here")(lambda observed: float("nan"))
-    found = measure_extended(with_extraction(evidence_of(line_at(1.5), 1.5), extraction_of(1.5)))
-    assert found == {"broken": None, "mine": 10.0}
-
-
 @pytest.mark.parametrize(
     ("facts", "text"),
     [
@@ -526,13 +493,10 @@ def test_a_feature_with_wrong_facts_is_refused(facts, text):
     assert "wrong" not in FEATURES
 
 
-def test_what_features_can_need_is_known():
-    assert {*NEEDS, "signal"} == set(REASONS)
-    observed = evidence_of(line_at(1.5), 1.5)
-    assert all(hasattr(observed, f"has_{need}") for need in NEEDS)
-
-
-def test_the_set_f_is_part_of_the_registry_in_its_order():
+def test_the_set_f_is_part_of_the_registry_in_its_order_e39():
+    features = GaitFeatures(1.0, 200.0, 0.6, 2.0, None, 0.9)
+    np.testing.assert_array_equal(features.vector(), [1.0, 200.0, 0.6, 2.0, np.nan, 0.9])
+    assert list(features.as_dict()) == list(FEATURE_UNITS)
     marked = sorted((item for item in FEATURES.values() if "set_f" in item.facts), key=lambda item: item.facts["set_f"])
     assert {item.name: item.facts["unit"] for item in marked} == FEATURE_UNITS
     assert [item.facts["set_f"] for item in marked] == list(range(6))
@@ -540,11 +504,15 @@ def test_the_set_f_is_part_of_the_registry_in_its_order():
 
 
 def test_registered_features_are_in_results_rows_and_tables(register, walker_mu):
+    with pytest.raises(ConfigError, match="torso_share"):
+        register("feature", "torso_share", unit="1", source="here")(lambda observed: 1.0)
+    register("feature", "broken", unit="1", source="here")(lambda observed: float("nan"))
     register("feature", "columns", unit="1", source="here")(lambda observed: float(observed.power_v2.shape[0]))
     gate = Gate.around([0, 4], [8, 3], span_m=1.6)
     result = analyze_signature(walker_mu, gate, Analysis(doppler_bins=127), label=None)
     assert result.extended["columns"] == walker_mu.sizes["time"] == result.to_row()["extended_columns"]
     assert ("columns", "1", "here") in list_features()
+    assert result.extended["broken"] is None
     register("feature", "words", unit="1", source="here")(lambda observed: "many")
     with pytest.raises(ConfigError, match="feature 'words': 'many' is no number"):
         analyze_signature(walker_mu, gate, Analysis(doppler_bins=127), label=None)

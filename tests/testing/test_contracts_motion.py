@@ -80,12 +80,6 @@ def test_a_broken_motion_model_is_caught(register, make, says):
         check_motion_model("hop")
 
 
-def test_an_own_motion_model_passes_and_is_used_by_its_kind(register):
-    register("motion_model", parameters=Hop)(hop)
-    check_motion_model(Hop(height_m=0.2))
-    assert dg.motion.generate({"kind": "hop"}, duration_s=1.0).duration_s == 1.0
-
-
 def hop_together(parameters, durations_s, rngs):
     return [hop(*own) for own in zip(parameters, durations_s, rngs, strict=True)]
 
@@ -108,7 +102,8 @@ def test_a_model_of_batches_is_called_once_and_that_of_a_single_motion_for_each(
         motions = generate_all([Hop(), Hop(height_m=0.2)], durations_s=[1.0, 1.5], rngs=[None, None])
         assert [motion.duration_s for motion in motions] == [1.0, 1.5]
         assert len(calls) == (1 if make is hop_together else 2)
-        check_motion_model("hop")
+        check_motion_model(Hop(height_m=0.2))
+    assert dg.motion.generate({"kind": "hop"}, duration_s=1.0).duration_s == 1.0
 
 
 def test_a_model_whose_motions_depend_on_each_other_is_caught(register):

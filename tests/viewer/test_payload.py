@@ -76,7 +76,7 @@ def test_empty_and_flat_pictures_have_a_range():
         assert x["step"] == 0.0
 
 
-def test_recording_has_the_files_own_levels(run, recording):
+def test_recording_has_the_files_own_levels_bodies_and_true_doppler(run, recording):
     facts, arrays = unpack(panels.make_recording_payload(run, None, changes=(("clutter", "none"),)))
     expected = 20 * np.log10(np.abs(recording.baseband.values))
     shown = expected > facts["range_time"]["db"][0]
@@ -85,10 +85,6 @@ def test_recording_has_the_files_own_levels(run, recording):
     assert facts["scene"]["radar_position_m"] == [0.0, 0.0, 1.0]
     truth = facts["truth"][0]
     np.testing.assert_allclose(arrays[truth["range"]], recording.truth[0].centre_range_m, atol=1e-5)
-
-
-def test_recording_has_bodies_and_true_doppler(run, recording):
-    facts, arrays = unpack(panels.make_recording_payload(run, None, changes=(("clutter", "none"),)))
     body, doppler = facts["bodies"][0], facts["truth"][0]["doppler"]
     np.testing.assert_allclose(arrays[body["points"]], recording.truth[0].body.values, atol=1e-4)
     assert len(body["parts"]) == arrays[body["points"]].shape[1] > arrays[body["bones"]].max()

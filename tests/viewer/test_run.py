@@ -10,7 +10,7 @@ import pytest
 from doppelgait.classify.timeline import classify_over_time
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.frames import Frames
-from doppelgait.pipeline import analyze, parse_run, read_results, run_simulation, write_results
+from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.signature import compute_signature
 from doppelgait.processing.sound import make_doppler_sound
@@ -18,7 +18,7 @@ from doppelgait.radar import Radar, read_recording, write_recording
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.radar.recordings import StoredRows
 from doppelgait.viewer import panels
-from doppelgait.viewer.run import MOST_ANALYSES, Run, compute_true_values, find_true_values, make_view, match_truths
+from doppelgait.viewer.run import MOST_ANALYSES, Run, compute_true_values, find_true_values, match_truths
 from doppelgait.viewer.settings import Settings, parse_changes
 from doppelgait.viewer.source import RunCache, add_other, all_ranges_m, describe_session, open_path, parse_reference
 from viewer_client import unpack
@@ -150,18 +150,6 @@ def test_each_segment_can_be_shown(run, recording):
         assert (shown["features"] == target["features"]) == longest
     with pytest.raises(ConfigError, match=f"segments 0 to {len(result.segments) - 1}"):
         panels.make_targets_payload(run, None, segment=(0, len(result.segments)))
-
-
-def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
-    write_results(tmp_path / "r.h5", recording, analyze(recording, gate="track"))
-    (stored,) = read_results(tmp_path / "r.h5").targets
-    view = make_view(stored)
-    assert view.segment is not None
-    assert panels.is_aligned(stored, "standard") == bool(stored.cadence_map.attrs["aligned"])
-    for number, segment in enumerate(stored.segments):
-        (shown,) = panels.select_segment([view], 0, number)
-        assert (shown.segment, shown.result.features) == (number, segment.features)
-        assert shown.result.signature.identical(segment.signature)
 
 
 def test_map_of_moved_columns_says_so(run):

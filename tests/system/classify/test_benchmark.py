@@ -39,26 +39,11 @@ duration_s = 4
 targets = [{ label = "animal", motion = { kind = "quadruped", gait = "walk" }, range_m = 4.0 }]
 """
 OUTSIDE = '''
-import numpy as np
-
-
 def answer(train, test):
-    """Logistic regression on the spread of the torso line, by hand; a running mean over the track."""
+    """The wider the torso line against that of the training data, the likelier a person."""
     name = "extended_torso_bandwidth_mps"
-    known = train.index[train.index["label"].isin(["human", "animal"])]
-    x, y = known[name].fillna(0.5), known["label"] == "human"
-    mean, spread = x.mean(), x.std() + 1e-6
-    weight = bias = 0.0
-    for _ in range(200):
-        p = 1 / (1 + np.exp(-(weight * (x - mean) / spread + bias)))
-        weight -= 0.1 * ((p - y) * (x - mean) / spread).mean()
-        bias -= 0.1 * (p - y).mean()
-    rows = test.index.copy()
-    rows["odds"] = weight * (rows[name].fillna(mean) - mean) / spread + bias
-    rows = rows.sort_values("window_stop_s")
-    tracks = rows.groupby([rows["scene_id"], rows["track"].fillna(-1)])
-    mean = tracks["odds"].cumsum() / (tracks.cumcount() + 1)
-    return (1 / (1 + np.exp(-mean))).reindex(test.index.index).to_numpy()
+    spread = test.index[name].fillna(0.5) / train.index[name].mean()
+    return (spread / (1 + spread)).to_numpy()
 '''
 
 

@@ -145,15 +145,6 @@ def test_parameters_of_a_dataset_are_checked(dataset, path):
             assert "limit" in dataset.fault(f"{path}?limit={value}")
 
 
-def test_other_formats_are_opened(files, walk):
-    write_sigmf(read_recording(files / "walk.h5"), files / "walk.sigmf-meta")
-    with served(open_path(files / "walk.sigmf-meta", Settings(gate=(3.0, 6.0), gate_asked=True))) as client:
-        shown, expected = client.facts("recording?clutter=none"), walk.facts("recording?clutter=none")
-        assert shown["range_time"]["db"] == pytest.approx(expected["range_time"]["db"], abs=1e-4)
-        assert (shown["bodies"], shown["scene"]) == ([], None)
-        assert client.facts("targets")["targets"][0]["truth"] is None
-
-
 def test_what_cannot_be_opened(files, tmp_path):
     settings = Settings()
     with pytest.raises(RecordingError, match="no such file"):
