@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import doppelgait as dg
-from doppelgait.core.errors import AnalysisError
 from doppelgait.features.ti_frames import NUMBERS, measure_columns, measure_windows
 
 
@@ -63,8 +62,3 @@ def test_windows_have_the_mean_and_the_spread_of_their_frames(signature):
         np.testing.assert_allclose(got, [*means, *spreads], rtol=1e-9, atol=1e-9)
     assert measure_windows(numbers).shape == (1, 8)
     assert np.isnan(measure_windows(np.zeros((5, 4)))).all()
-
-
-def test_only_signatures_are_measured(signature):
-    with pytest.raises(AnalysisError):
-        measure_columns(signature.T)

@@ -11,12 +11,13 @@ from __future__ import annotations
 import hashlib
 import runpy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from doppelgait.classify.alarm import answer_day, score_at_threshold
 from doppelgait.classify.data import (
@@ -121,13 +122,15 @@ def identify_contents(dataset: Dataset) -> str:
 
 def score_part(dataset: Dataset, probability: FloatArray) -> dict[str, Any]:
     """Score answers: the end of every track, and the alarm where five of a hundred entries are missed."""
-    probability = np.asarray(probability, dtype=np.float64)
-    if probability.shape != (len(dataset),) or not (np.isnan(probability) | (np.abs(probability - 0.5) <= 0.5)).all():
+    given = pd.Series(np.ravel(np.asarray(probability, dtype=object)))
+    probability = pd.to_numeric(given, errors="coerce").to_numpy(dtype=np.float64)
+    known, wrong = np.isfinite(probability), np.abs(probability - 0.5) > 0.5
+    if len(given) != len(dataset) or not known.any() or wrong.any():
         raise ConfigError(
-            f"a classifier must answer {len(dataset)} rows of {dataset.directory} by numbers from 0 to 1, or NaN"
+            f"a classifier must answer {len(dataset)} rows of {dataset.directory} by 0 to 1, or some by NaN"
         )
     index = dataset.index.assign(p=probability, number=number_tracks(all_rows(dataset, ())))
-    index = index[np.isfinite(probability) & ~mark_shared(index)].sort_values("window_stop_s")
+    index = index[known & ~mark_shared(index)].sort_values("window_stop_s")
     ends = index.groupby("number").tail(1)
     values, human = ends["p"].to_numpy(dtype=np.float64), (ends["label"] == ALARM_CLASS).to_numpy(dtype=bool)
     scenes, right = ends["scene_id"].to_numpy(dtype=str), (values >= 0.5) == human
@@ -158,12 +161,17 @@ def open_classifier(name: str) -> Answer:
     if path.endswith(".py"):
         found: Answer | None = runpy.run_path(path).get(function) if Path(path).is_file() else None
         if not callable(found):
-            raise ConfigError(f"--classifier {name}: has no function {function!r}; name it as FILE.py:FUNCTION")
-        return found
+            raise ConfigError(f"--classifier {name}: no such function; name it as FILE.py:FUNCTION")
+        return lambda train, test: found(train, hide_truth(test))
     model = open_model(name).of_tracks
     if ALARM_CLASS not in model.facts.classes or "signature" in model.facts.features:
         raise ConfigError(f"--classifier {name}: must have the class {ALARM_CLASS}, and use no signatures")
     return lambda _, test: follow_rows(test, model)[:, model.facts.classes.index(ALARM_CLASS)]
+
+
+def hide_truth(dataset: Dataset) -> Dataset:
+    """Return a dataset whose index has no labels and no true values."""
+    return replace(dataset, index=dataset.index.filter(regex="^(?!truth_)").assign(label="hidden"))
 
 
 @cache
@@ -229,10 +237,10 @@ def score_classifiers(folder: Path, *, report: Callable[[str], Any], **options: 
     folder = folder / "rehearsal" if chosen.rehearse else folder
     for name in used:  # faults come before hours of work
         load_part(name, chosen.recordings, changes)
+    build = partial(build_part, folder=chosen.recordings, changes=changes)
     for name in used:
         with report(name) as tell:
-            place, files = folder / name, chosen.recordings
-            one = built[name] = build_part(name, place, folder=files, changes=changes, on_progress=tell)
+            one = built[name] = build(name, folder / name, on_progress=tell)
         identities.append({"part": name, "identity": one.description["id"], "contents": identify_contents(one)})
     train = built.pop("train", next(iter(built.values())))
     scores = {

@@ -491,6 +491,8 @@ def evaluate(
     >>> found = dg.classify.evaluate(dg.open_dataset("tiny"), models=["six-logistic"])
     >>> found.document["tested"]
     {'human': 1, 'dog': 1}
+    >>> dg.classify.write_report(found, "report")[-1].name
+    'index.html'
     """
     chosen = Options(**options)
     rows, unknown = _collect_test_rows(dataset, chosen, needed=day is not None)
@@ -500,8 +502,7 @@ def evaluate(
     if chosen.answers is not None and not trained and (keep or day is not None):
         raise ConfigError("--answers: are of no model to save or to score as an alarm; name one to train by --models")
     if not trained and chosen.answers is None:
-        bare = {*(chosen.models or DEFAULT)} <= {*BASELINES}
-        reason = f"{', '.join(BASELINES)} are always scored; name a model, too" if bare else " ".join(skipped)
+        reason = " ".join(skipped) or "baselines are always scored; name a model, too"
         raise DatasetError(f"{rows.datasets[0].directory}: no model can be trained: {reason}")
     whole, seed = folds, chosen.seed
     if keep and (chosen.n_folds or chosen.left_out):

@@ -43,8 +43,9 @@ REPORT = {"listing": LISTING, "file_format": FORMAT, "command": "evaluate"}
 
 SCORES_TEXT = (
     "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact for few targets). "
+    "<i>Brier</i>: half the sum of squares; <i>ECE</i>: even bins from chance to 1. "
     "<i>Decided</i>: share of rows with a decision, and its balanced accuracy. Grey: baselines: the "
-    "most frequent class, the parameters that must not predict the class, the speed alone.</p>"
+    "shares of the classes, parameters that must not predict the class, the speed alone.</p>"
 )
 ADAPTATION_TEXT = (
     "<h2>Adapted to own recordings</h2><p>After so many recordings of each class: mean of 50 draws, "
@@ -266,15 +267,6 @@ def write_report(found: Evaluation, folder: str | Path, *, figure_format: str = 
     ------
     ConfigError, OutputError
         If the folder cannot be used; what was there before is untouched.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> plan, folder = dg.dataset.load_plan("home-alarm", overrides=["dataset.examples_per_class=8"])
-    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
-    >>> found = dg.classify.evaluate(dg.open_dataset("tiny"), models=["six-logistic"])
-    >>> dg.classify.write_report(found, "report")[-1].name
-    'index.html'
     """
     from doppelgait.viz import save_figure
 

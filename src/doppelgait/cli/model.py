@@ -59,11 +59,7 @@ def export(
 
 @app.command("alarm")
 @takes_options(AlarmOptions, make_option)
-def alarm(
-    model: ModelArgument,
-    as_json: AsJson = False,
-    **options: Any,
-) -> None:
+def alarm(model: ModelArgument, as_json: AsJson = False, **options: Any) -> None:
     """Score a model as an alarm over simulated days.
 
     The table has false alarms per day and per animal-hour, missed entries and detection time for every threshold.
@@ -92,5 +88,7 @@ def benchmark(
     from doppelgait.core.config import convert_to_json
 
     found = score_classifiers(folder, report=partial(report_progress, quiet=as_json), **options)
+    if options["rehearse"]:
+        print_message("note: a rehearsal: the figures show that it runs, and nothing else")
     shown = [found["parts"], [format_scores(*each) for each in found["scores"].items()]]
     print_json(convert_to_json(found)) if as_json else print_tables(shown)

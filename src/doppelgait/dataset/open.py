@@ -136,10 +136,9 @@ class Dataset:
         DatasetError
             If the query names no column of the index or is no condition, or a label does not exist.
         """
-        known = {"label": self.description["classes"], "split": SPLITS}
-        for name in known.keys() & columns.keys():
-            if strange := sorted({*map(str, np.atleast_1d(columns[name]))} - {*known[name]}):
-                raise DatasetError(f"select: {name} {strange[0]!r} is not one of {', '.join(known[name])}")
+        for name, known in (("label", self.description["classes"]), ("split", SPLITS)):
+            if strange := sorted({*map(str, np.atleast_1d(columns.get(name, [])))} - {*known}):
+                raise DatasetError(f"select: {name} {strange[0]!r} is not one of {', '.join(known)}")
         terms = [f"{name} {'in' if isinstance(value, list) else '=='} {value!r}" for name, value in columns.items()]
         if terms:
             query = " and ".join([f"({query})", *terms] if query else terms)
@@ -465,13 +464,12 @@ def open_dataset(directory: str | Path, *, classes: Sequence[str] | None = None)
     ----------
     classes : sequence of str, optional
         Labels in the order of their numbers, as of a network that was trained on another dataset.
-        By default the order of ``dataset.json``: of the plan, or of the alphabet after an import.
+        By default the order of ``dataset.json``: of the plan, or of the lines of an import's labels.
 
     Raises
     ------
     DatasetError
-        If the folder contains no dataset, or one that is unfinished, damaged or of another version;
-        or if ``classes`` repeats a label or lacks one of a row.
+        If the folder has no dataset, or an unfinished, damaged or other one; or by wrong classes.
 
     Examples
     --------
