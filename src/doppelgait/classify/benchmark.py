@@ -159,19 +159,19 @@ def open_classifier(name: str) -> Answer:
         return partial(answer_baseline, name)
     path, _, function = name.rpartition(":")
     if path.endswith(".py"):
-        found: Answer | None = runpy.run_path(path).get(function) if Path(path).is_file() else None
+        found: Answer = runpy.run_path(path).get(function) if Path(path).is_file() else None  # type: ignore[assignment]
         if not callable(found):
             raise ConfigError(f"--classifier {name}: no such function; name it as FILE.py:FUNCTION")
-        return lambda train, test: found(train, hide_truth(test))
+
+        def answer_blind(train: Dataset, test: Dataset) -> FloatArray:
+            index = test.index.filter(regex="^(?!truth_)").assign(label="hidden")
+            return found(train, replace(test, index=index))
+
+        return answer_blind
     model = open_model(name).of_tracks
     if ALARM_CLASS not in model.facts.classes or "signature" in model.facts.features:
         raise ConfigError(f"--classifier {name}: must have the class {ALARM_CLASS}, and use no signatures")
     return lambda _, test: follow_rows(test, model)[:, model.facts.classes.index(ALARM_CLASS)]
-
-
-def hide_truth(dataset: Dataset) -> Dataset:
-    """Return a dataset whose index has no labels and no true values."""
-    return replace(dataset, index=dataset.index.filter(regex="^(?!truth_)").assign(label="hidden"))
 
 
 @cache
