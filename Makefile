@@ -77,7 +77,7 @@ $(BIN)/python:
 
 $(VENV)/.installed: $(BUILT_FROM) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable . $(PACKAGES)
+	$(BIN)/python -m pip install --quiet --editable ".[viewer]" $(PACKAGES)
 	touch $@
 
 $(VENV)/.installed-test: $(BUILT_FROM) | $(BIN)/python

@@ -166,10 +166,10 @@ def test_a_person_triggers_and_a_fan_does_not():
 
 def test_a_model_without_an_alarm_is_told():
     model = a_model(alarm=None, dataset_name="garden", classes=("cat", "dog"))
-    with pytest.raises(
-        ConfigError, match="model garden: has no alarm: its classes are cat, dog; train with --alarm-class"
-    ):
+    with pytest.raises(ConfigError, match="model garden: has no alarm; train with --alarm-class"):
         alarm.score_alarm(model)
+    with pytest.raises(ConfigError, match=r"--day home-alarm-day: carrier_hz 7\.29e\+09 is outside"):
+        alarm.score_alarm(load_shipped_model("fmcw-60"))
     with pytest.raises(ConfigError, match="home-alarm: is a plan of classes; a day of an alarm needs"):
         alarm.load_day("home-alarm")
     with pytest.raises(ConfigError, match="neither a file nor a built-in plan"):

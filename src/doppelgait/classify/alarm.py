@@ -19,7 +19,7 @@ import pandas as pd
 
 from doppelgait.classify.data import all_rows, list_windows
 from doppelgait.classify.learned import Seen, find_windows_before
-from doppelgait.classify.model import Model
+from doppelgait.classify.model import Model, describe_outside_conditions
 from doppelgait.classify.options import AlarmOptions, takes_options
 from doppelgait.classify.scores import clopper_pearson_interval
 from doppelgait.classify.timeline import check_window, follow_rows
@@ -29,7 +29,7 @@ from doppelgait.core.units import FloatArray
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.open import Dataset, open_dataset
-from doppelgait.dataset.resolve import make_example_id
+from doppelgait.dataset.resolve import make_example_id, resolve_example
 
 THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99, 0.999, 0.9999)
 """Alarm thresholds that are scored in addition to that of the model."""
@@ -65,15 +65,16 @@ def build_day(
     """Build the dataset of a day for the windows of a model."""
     facts = model.of_tracks.facts
     if facts.alarm is None:
-        raise ConfigError(
-            f"model {facts.dataset_name}: has no alarm: its classes are {', '.join(facts.classes)}; train with "
-            "--alarm-class"
-        )
+        raise ConfigError(f"model {facts.dataset_name}: has no alarm; train with --alarm-class")
+    learned = {name: span for name, span in facts.conditions.items() if name == "carrier_hz"}
+    seen = {"carrier_hz": resolve_example(day, 0, folder or Path()).run.radar.carrier_hz}
+    if other := describe_outside_conditions(seen, learned):
+        hint = "name a plan with this radar, from 'dataset plan home-alarm-day --toml'"
+        raise ConfigError(f"--day {day.dataset.name}: {other[0]}; {hint}")
     window_s, hop_s = check_window(None, None, model)
-    plan = day.model_dump(mode="python")
+    plan = day.model_dump(mode="python") | {"analysis": facts.analysis}
     fields = ["pictures" if facts.features == "track" else "signature"]
     plan["dataset"] |= {"window_s": window_s, "hop_s": hop_s, "fields": fields}
-    plan["analysis"] = facts.analysis
     build_dataset(validate(PlanConfig, plan, where=day.dataset.name), directory, folder=folder, on_progress=on_progress)
     return open_dataset(directory)
 

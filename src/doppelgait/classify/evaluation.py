@@ -511,8 +511,7 @@ def evaluate(
     # Refuse to keep the best of several models if no held-out rows exist.
     if keep and len(trained) > 1 and "ensemble" not in trained and not all(fold.held.size for fold in whole):
         raise ConfigError(
-            f"--save: no rows can be held out to choose among {', '.join(trained)}: a class has too few targets; "
-            "name the one model to keep (--models), or add more data"
+            f"--save: no rows are left to choose among {', '.join(trained)}; name one (--models), or add more data"
         )
     done, total, runs = count(1), len(tables) * len(whole), dict[str, Run]()
     own = Path(chosen.answers).stem if isinstance(chosen.answers, str | Path) else "own"
@@ -548,7 +547,10 @@ def evaluate(
             said.setdefault(remark, []).append(name)
     document["notes"] += [f"{', '.join(names)}: {remark}" for remark, names in said.items()]
     if day is not None and best is not None and best in kept:
-        document["alarm_day"] = {"model": best, **score_alarm(kept[best], day=day)}
+        try:
+            document["alarm_day"] = {"model": best, **score_alarm(kept[best], day=day)}
+        except ConfigError as error:  # the models are trained: nothing is lost
+            document["notes"].append(f"The alarm has no scores: {error}")
     return Evaluation(document, tabulate_answers(runs), best, kept)
 
 
@@ -561,13 +563,10 @@ def _collect_test_rows(dataset: Dataset | str | Path, options: Options, *, neede
     missing = [name for name in rows.classes if own is not None and not (own.index["label"] == name).any()]
     if missing:
         raise DatasetError(
-            f"--adapt {own.directory}: contains no {', '.join(missing)}, so that the shift of the decision is unknown; "
-            f"label recordings of every class ({classes})"
+            f"--adapt {own.directory}: contains no {', '.join(missing)}; label recordings of every class ({classes})"
         )
-    if options.alarm_class is not None and alarm not in rows.classes:
+    if (needed or options.alarm_class is not None) and alarm not in rows.classes:
         raise ConfigError(f"--alarm-class {alarm}: is no class; there are {classes}")
-    if needed and alarm not in rows.classes:
-        raise ConfigError(f"--alarm: no class {alarm}; name one of {classes} by --alarm-class")
     rows = replace(rows, alarm=alarm)
     if unknown is None:
         return rows, None

@@ -94,6 +94,7 @@ def classify(
             _print_over_time(over_time, head, as_json=as_json)
             if over_time and not as_json:
                 explain_model(loaded, model)
+                print_message("note: a decision stays until another is sure; its probability is of the last window")
             return
         decisions = run_classification(read, loaded, gate=choice, analysis=settings, tracking=tracking)
     if as_json:
@@ -176,8 +177,9 @@ def explain_model(model: Model, name: str | None) -> None:
     if facts.alarm is None or facts.alarm_threshold is None:
         print_message("note: alarm: this model has no alarm threshold")
     else:
+        windows = "in two windows in succession, " if model.learned.kind == "track" else ""
         print_message(
-            f"note: alarm: yes if the probability of {facts.alarm} is {facts.alarm_threshold:.2g} or more, "
+            f"note: alarm: yes if the probability of {facts.alarm} is {facts.alarm_threshold:.2g} or more, {windows}"
             "also without a decision; -: not known, for the reason beside it"
         )
     if not model.calibration.n_rows:

@@ -178,9 +178,7 @@ def format_duration(seconds: float) -> str:
 FigureFormat = StrEnum("FigureFormat", ["png", "svg", "pdf"])
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 FigureOption = Annotated[FigureFormat, typer.Option("--format", help="Format of the figures.")]
-PageFigureOption = Annotated[
-    FigureFormat, typer.Option("--format", help="Format of the figures; svg and pdf are in addition to the page's png.")
-]
+PageFigureOption = Annotated[FigureFormat, typer.Option("--format", help="Further format of the figures.")]
 
 
 def make_folder(folder: Path, name: str = "") -> None:

@@ -154,7 +154,7 @@ class Target(FrozenModel):
     def describe(self) -> str:
         """Return class, motion and place in a few words."""
         motion = self.motion.label if isinstance(self.motion, Motion) else self.motion.get("path", self.motion["kind"])
-        words = [self.label or "no label", str(motion)]
+        words = [self.label or "no label", f"({motion})"]
         if self.start_position_m is not None:
             words.append("from " + ", ".join(f"{value:g}" for value in self.start_position_m) + " m")
         elif self.range_m is not None:

@@ -122,11 +122,11 @@ def plot_scene(scene: Any, *, ax: Axes) -> Axes:
         heading_deg = target.heading_deg
         if target.start_position_m is not None:
             place_m = target.start_position_m[:2]
-        elif target.range_m is None or target.path is not None:
+        elif target.path is not None:
             continue
         else:
-            bearing = math.radians(target.bearing_deg)
-            place_m = [radar_m[n] + target.range_m * turn(bearing) for n, turn in enumerate((math.cos, math.sin))]
+            bearing, range_m = math.radians(target.bearing_deg), target.range_m or 5.0  # by default that or more
+            place_m = [radar_m[n] + range_m * turn(bearing) for n, turn in enumerate((math.cos, math.sin))]
             heading_deg = target.bearing_deg + 180.0 + target.aspect_deg
         ax.plot(*place_m, marker="o", color=colours[name], ms=7, ls="none")
         turn = math.radians(heading_deg or 0.0)

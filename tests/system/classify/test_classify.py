@@ -393,7 +393,7 @@ def wrong_datasets():
         (made_up(), {"models": ["signature-network"]}, "torch|keeps no 'signature'"),
         (made_up(), {"own": own, "other": own}, "--adapt and --test: use one of them"),
         (made_up(), {"own": own, "n_folds": 3}, "--adapt: needs one model for all rows"),
-        (made_up(), {"own": people}, "contains no dog, so that the shift of the decision"),
+        (made_up(), {"own": people}, "contains no dog; label recordings of every class"),
         (made_up(), {"unknown": own}, "--unknown .*: has only the classes human, dog, which the models are trained on"),
         (made_up(), {"answers": "a.csv", "n_folds": 3}, "--answers and --cv: use one of them"),
         (made_up(), {"unknown": cats, "n_folds": 3}, "--unknown: needs one model for all rows"),
@@ -745,7 +745,7 @@ def few_targets():
 
 
 def test_without_held_rows_nothing_is_the_best(tmp_path):
-    with pytest.raises(ConfigError, match=r"--save: no rows can be held out to choose among six-logistic, six-boost"):
+    with pytest.raises(ConfigError, match=r"--save: no rows are left to choose among six-logistic, six-boost"):
         evaluate(few_targets(), models=FEATURE_MODELS, keep=True)
     found = evaluate(few_targets(), models=FEATURE_MODELS)
     assert found.best is None
