@@ -42,7 +42,7 @@ def shown(recording: dg.Recording) -> dict[str, object]:
 
 WORDS = {
     "Recording": ("640", "1280 in", "human"), "Result": ("human", "torso_velocity_mps"), "Scene": ("boulic", "2 s"),
-    "Target": ("human boulic at 4 m aspect 20 deg",), "Radar": ("7.29 GHz", "640 Hz", "0 to 9.664 m"),
+    "Target": ("human (boulic) at 4 m aspect 20 deg",), "Radar": ("7.29 GHz", "640 Hz", "0 to 9.664 m"),
     "Motion": ("boulic", "17", "2 s at 250 Hz"), "Model": ("animal", "no decision below"),
     "Dataset": ("walks", "2 dog, 1 human", "1 test, 2 train"),
 }  # fmt: skip
