@@ -10,7 +10,7 @@ recorded people and dogs that walk about (`home-alarm-recorded`); the two dogs a
 track that raises the alarm in a recording that should not; an entry is missed if no track raises it. Rates are per
 hour of an animal in the recording; a kind counts by its hours a day. Thresholds are that of the training data and
 round numbers. The X4's days are parts of the benchmark ([how to](../howto/benchmark.md)). "x4 in C" is the network of
-the [export](../howto/export.md), without features, on the package's windows. It takes five hours.
+the [export](../howto/export.md) (8 bits, no features), on the package's windows. It takes five hours.
 
 Not shown: real radar, and recorded bodies in front of other radars than the X4.
 """

@@ -19,7 +19,8 @@ NONE = np.zeros(0)
 @pytest.fixture
 def model():
     """Log odds of the second class are the feature itself."""
-    own = {"median": np.zeros(1), "told": np.zeros(0, dtype=np.int64), "mean": np.zeros(1), "scale": np.ones(1)}
+    own = dict.fromkeys(("median", "mean", "floor"), np.zeros(1))
+    own |= {"told": np.zeros(0, dtype=np.int64), "scale": np.ones(1)}
     learned = Learned("linear", own | {"weight": np.array([[0.0], [1.0]]), "bias": np.zeros(2)})
     facts = Facts(
         name="six-logistic", features="six", names=("step_length_m",), classes=("human", "dog"), dataset_id="x",

@@ -8,7 +8,6 @@ import pytest
 from scipy.stats import pearsonr
 from sklearn.metrics import balanced_accuracy_score
 
-from doppelgait.dataset.config import list_some
 from doppelgait.dataset.verify import integrity, leakage, truth
 from doppelgait.dataset.verify.contents import Contents
 from doppelgait.dataset.verify.integrity import check_groups
@@ -305,7 +304,3 @@ def test_rounding_of_a_level_tells_no_class():
     assert np.isnan(found[4])
     assert found[5] == pytest.approx(1e-30, rel=1e-12)
     assert round_values(pd.Series([0.5, 0.5001])).nunique() == 2
-
-
-def test_long_lists_are_cut():
-    assert list_some([str(n) for n in range(7)]) == "0, 1, 2, 3, 4 and 2 more"

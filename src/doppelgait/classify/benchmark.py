@@ -53,6 +53,7 @@ from doppelgait.processing.patches import N_SLICES
 NAME = "doppelgait-bench-1"
 MISSED = 0.05  # share of entries that are missed at the rate of false alarms in the table
 LAW = {"total_m2": {"log_uniform": [0.015, 1.6]}}  # cross section of people and animals in the part ``matched``
+MEASURED = "^(feature|extended|sd|quality|gait|window|carrier|prf)_|^(shard|row|split|track|n_periods)$"
 Answer = Callable[[Dataset, Dataset], FloatArray]
 
 
@@ -122,10 +123,11 @@ def identify_contents(dataset: Dataset) -> str:
 
 def score_part(dataset: Dataset, probability: FloatArray) -> dict[str, Any]:
     """Score answers: the end of every track, and the alarm where five of a hundred entries are missed."""
-    given = pd.Series(np.ravel(np.asarray(probability, dtype=object)))
-    probability = pd.to_numeric(given, errors="coerce").to_numpy(dtype=np.float64)
-    known, wrong = np.isfinite(probability), np.abs(probability - 0.5) > 0.5
-    if len(given) != len(dataset) or not known.any() or wrong.any():
+    given = np.asarray(probability, dtype=object)
+    probability = pd.to_numeric(pd.Series(given.ravel()), errors="coerce").to_numpy(dtype=np.float64)
+    known, missing = np.isfinite(probability), pd.isna(given.ravel())
+    right = missing | (np.abs(probability - 0.5) <= 0.5)
+    if given.shape != (len(dataset),) or not known.any() or not right.all():
         raise ConfigError(
             f"a classifier must answer {len(dataset)} rows of {dataset.directory} by 0 to 1, or some by NaN"
         )
@@ -161,11 +163,13 @@ def open_classifier(name: str) -> Answer:
     if path.endswith(".py"):
         found: Answer = runpy.run_path(path).get(function) if Path(path).is_file() else None  # type: ignore[assignment]
         if not callable(found):
-            raise ConfigError(f"--classifier {name}: no such function; name it as FILE.py:FUNCTION")
+            raise ConfigError(f"--classifier {name}: no such file or function (FILE.py:FUNCTION)")
 
         def answer_blind(train: Dataset, test: Dataset) -> FloatArray:
-            index = test.index.filter(regex="^(?!truth_)").assign(label="hidden")
-            return found(train, replace(test, index=index))
+            index = test.index.filter(regex=MEASURED).assign(label="hidden")  # names tell the kinds
+            names = {name: pd.factorize(test.index[name])[0].astype(str) for name in ("id", "scene_id")}
+            facts = {**test.description, "classes": {"hidden": 0}, "config": None}
+            return found(train, replace(test, index=index.assign(**names), description=facts))
 
         return answer_blind
     model = open_model(name).of_tracks

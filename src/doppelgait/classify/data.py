@@ -206,7 +206,8 @@ def _read_table(path: Path) -> pd.DataFrame:
     try:
         if path.suffix == ".parquet":
             return pd.read_parquet(path)
-        table = pd.read_csv(path, dtype={"id": str}, sep=None, engine="python")  # also semicolons
+        separator = ";" if b";" in path.read_bytes().partition(b"\n")[0] else ","
+        table = pd.read_csv(path, dtype={"id": str}, sep=separator, encoding="utf-8-sig")
         return table.loc[:, ~table.columns.str.startswith("Unnamed: ")]  # numbers by pandas
     except (OSError, ValueError, ImportError) as error:
         raise DatasetError(f"{path}: is no readable table (CSV or Parquet): {error}") from None

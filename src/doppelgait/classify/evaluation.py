@@ -588,10 +588,7 @@ def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], out
         notes.append(f"There is no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class.")
     fewest = min(fold.held.size for fold in folds)
     if runs and fewest < LEAST_FAR:
-        notes.append(
-            f"With {fewest} held-out rows no model can reject targets by their distance from the training data; this "
-            f"needs {LEAST_FAR}."
-        )
+        notes.append(f"With {fewest} held-out rows nothing is rejected by distance; this needs {LEAST_FAR}.")
     return notes + [
         f"{part['n']} of {part['of']} tested rows have a {name} of {format_span(*part['tested'])}, outside the "
         f"accepted range, {format_span(*accepted_range(name, *part['learnt']))} (training range "

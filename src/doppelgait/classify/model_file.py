@@ -163,7 +163,7 @@ def load_model(path: str | Path) -> Model:
         MODEL.check(path, document)
         return _unpack_model(document, arrays, path)
     except OSError as error:
-        raise DatasetError(f"{path}: cannot be read: {error.strerror or error}; open_model has included ones") from None
+        raise DatasetError(f"{path}: cannot be read: {error.strerror or error}; see open_model") from None
     except ConfigError as error:
         raise DatasetError(f"{path}: is damaged: {error}") from None
     except DatasetError:

@@ -98,10 +98,9 @@ class _Graph:
         double = self.onnx.TensorProto.DOUBLE
         filled = values = self.doubles = self.doubles or self.add("Cast", self.add_features(), to=double)
         unknown = self.add("IsNaN", values)
-        if own["floor"].size:
-            has = own["floor"] > 0
-            log = self.add("Log", self.add("Max", values, np.where(has, own["floor"], 1.0)))
-            filled = self.add("Where", has, log, values)
+        has = own["floor"] > 0
+        log = self.add("Log", self.add("Max", values, np.where(has, own["floor"], 1.0)))
+        filled = self.add("Where", has, log, values)
         columns = self.add("Where", unknown, own["median"], filled)
         if own["told"].size:
             told = self.add("Gather", unknown, own["told"], axis=1)

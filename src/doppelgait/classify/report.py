@@ -44,8 +44,8 @@ REPORT = {"listing": LISTING, "file_format": FORMAT, "command": "evaluate"}
 SCORES_TEXT = (
     "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact for few targets). "
     "<i>Brier</i>: half the sum of squares; <i>ECE</i>: even bins from chance to 1. "
-    "<i>Decided</i>: share of rows with a decision, and its balanced accuracy. Grey: baselines: the "
-    "shares of the classes, parameters that must not predict the class, the speed alone.</p>"
+    "<i>Decided</i>: share of rows with a decision, and its balanced accuracy. Grey: baselines: "
+    "all classes alike, parameters that must not predict the class, the speed alone.</p>"
 )
 ADAPTATION_TEXT = (
     "<h2>Adapted to own recordings</h2><p>After so many recordings of each class: mean of 50 draws, "

@@ -120,8 +120,6 @@ def join(own: Arrays, answers: Sequence[Array]) -> Array:
 
 def take_logarithms(values: Array, floor: Array) -> Array:
     """Take the logarithm of features that have a floor above 0; NaN stays."""
-    if not floor.size:
-        return np.asarray(values, dtype=np.float64)
     return np.where(floor > 0, np.log(np.maximum(values, np.where(floor > 0, floor, 1.0))), values)
 
 
@@ -135,7 +133,7 @@ def standardise(own: Arrays, values: Array) -> Array:
 
 def linear(own: Arrays, values: Array) -> Array:
     """Return log-probabilities of logistic regression."""
-    columns = standardise({"floor": np.zeros(0), **own}, values)
+    columns = standardise(own, values)
     return log_softmax(columns @ own["weight"].T + own["bias"])
 
 

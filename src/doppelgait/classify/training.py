@@ -26,7 +26,7 @@ MEMBERS = ("extended-logistic", "extended-boosting", "signature-network")
 """Models that the ensemble averages: straight boundaries, boxes, and pictures."""
 DEFAULT = ("six-logistic", *MEMBERS, "ensemble")  # models that are trained where none is named
 BASELINES = ("chance", "nuisance", "speed")
-"""Reported with every score: the shares of the classes, the nuisance parameters alone, and the speed alone."""
+"""Reported with every score: all classes alike, the nuisance parameters, and the speed alone."""
 
 BOOSTING = {
     "max_iter": 150,
@@ -122,9 +122,8 @@ def join(members: Sequence[Learned], held: LabelledRows, *, n_classes: int) -> L
 
 @plugin("classifier", "chance", features="nothing", learner="majority", baseline=True)
 def train_majority(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
-    """Answer by the shares of the classes in training."""
-    shares = np.bincount(train.labels, minlength=n_classes) + 1e-9
-    return Learned("constant", {"log_share": np.log(shares / shares.sum())})
+    """Answer that all classes are alike."""
+    return Learned("constant", {"log_share": np.full(n_classes, -np.log(n_classes))})
 
 
 @plugin("classifier", "six-logistic", features="six", learner="logistic")

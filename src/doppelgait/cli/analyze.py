@@ -120,6 +120,10 @@ def analyze(
 
     if output is not None:
         check_output(output, ".h5")
+    if figures is None and (only or cmap or db_range or doppler_hz):
+        raise ConfigError("--only, --cmap, --db-range, --doppler-hz: need --figures")
+    if doppler_hz is not None and not doppler_hz[0] < doppler_hz[1]:
+        raise ConfigError(f"--doppler-hz {doppler_hz[0]:g} {doppler_hz[1]:g}: must be in rising order")
     settings, tracking = parse_analysis({"method": method}, changes)
     loaded = open_recording(recording, options)
     choice, chosen = Gate.parse(windows["gate"], where="--gate"), WindowOptions(**windows)
@@ -136,8 +140,7 @@ def analyze(
     if figures is not None:
         from doppelgait.cli.figures import save_figures
 
-        maps = {"db_range": db_range, "cmap": cmap}
-        analysed = (loaded, results, settings.resolved(choice), maps, doppler_hz)
+        analysed = (loaded, results, settings.resolved(choice), {"db_range": db_range, "cmap": cmap}, doppler_hz)
         for path in save_figures(*analysed, folder=figures, form=figure_format, only=only, style=style, dpi=dpi):
             print_message(f"figure: {path}")
     if as_json:

@@ -52,7 +52,7 @@ def classify(
     Where the model does not decide, the reason is printed. A model with a network of tracks decides
     in windows: a table of tracks, and a timeline of the decisions about them. Any model does so with
     --window-s or --hop-s; else every target is decided by its longest segment, as are recordings
-    shorter than a window, results and --gate truth.
+    shorter than two windows, results, and other gates than tracks.
 
     Example: doppelgait classify walk.h5
 
@@ -83,7 +83,7 @@ def classify(
         in_windows = any(value is not None for value in windows.values())
         if choice == "track" and loaded.track is not None:
             duration_s = read.slow_time_s[-1] - read.slow_time_s[0] + 1.5 / read.radar.prf_hz
-            in_windows = in_windows or duration_s > check_window(None, None, loaded)[0]
+            in_windows = in_windows or duration_s > sum(check_window(None, None, loaded))
             loaded = loaded.of_tracks if in_windows else loaded
         settings, tracking = parse_analysis(loaded.facts.analysis, changes)
         if in_windows:
@@ -93,8 +93,8 @@ def classify(
             head = {"file": str(recording), "model": describe_model(loaded, model), **windows}
             _print_over_time(over_time, head, as_json=as_json)
             if over_time and not as_json:
-                explain_model(loaded, model)
-                print_message("note: a decision stays until another is sure; its probability is of the last window")
+                explain_model(loaded, model, "in two windows in succession, ")
+                print_message("note: a decision stays until another is sure, with its last probability")
             return
         decisions = run_classification(read, loaded, gate=choice, analysis=settings, tracking=tracking)
     if as_json:
@@ -169,7 +169,7 @@ def _format_cell(name: str, value: Any) -> Any:
     return format_number(value, 3 if name == "probability" else 2) if isinstance(value, float) else value
 
 
-def explain_model(model: Model, name: str | None) -> None:
+def explain_model(model: Model, name: str | None, windows: str = "") -> None:
     """Print notes on the alarm and on the training data."""
     facts = model.facts
     if name is None:
@@ -177,7 +177,6 @@ def explain_model(model: Model, name: str | None) -> None:
     if facts.alarm is None or facts.alarm_threshold is None:
         print_message("note: alarm: this model has no alarm threshold")
     else:
-        windows = "in two windows in succession, " if model.learned.kind == "track" else ""
         print_message(
             f"note: alarm: yes if the probability of {facts.alarm} is {facts.alarm_threshold:.2g} or more, {windows}"
             "also without a decision; -: not known, for the reason beside it"

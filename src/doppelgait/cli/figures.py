@@ -20,10 +20,10 @@ from doppelgait.radar import Recording
 
 def save_figures(*analysed: Any, folder: Path, form: str = "png", only: str = "", **look: Any) -> Iterator[Path]:
     """Write the figures with a text in their names into a folder."""
-    make_folder(folder)
     figures = dict(make_figures(*analysed))
     if not (chosen := [name for name in figures if only in name]):
         raise ConfigError(f"--only {only}: no figure has this in its name; there are {', '.join(figures)}")
+    make_folder(folder)
     for name in chosen:
         yield viz.save_figure(figures[name], folder / f"{name}.{form}", **look)
 
@@ -62,7 +62,8 @@ def make_figures(
                 power = cube.isel(time=0)
                 yield f"{prefix}-range-doppler", viz.range_doppler_map(power, gate=result.gate.limits, **look)
         yield f"{prefix}-signature", viz.signature(result.signature, doppler_hz=doppler_hz, **look)
-        pair = viz.signature_normalisation(result.signature, normalised=result.normalised_signature)
+        arrays = {"normalised": result.normalised_signature, "doppler_hz": doppler_hz}
+        pair = viz.signature_normalisation(result.signature, **arrays)
         yield f"{prefix}-signature-normalised", pair
         ratios, f_mu_hz = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3), result.gait_frequency_hz
         harmonics_hz = [] if f_mu_hz is None else [None if ratio is None else ratio * f_mu_hz for ratio in ratios]

@@ -141,11 +141,8 @@ def simulate(
         "seed": recording.seed,
         "targets": [truth.label for truth in recording.truth],
     }
-    if as_json:
-        print_json(facts)
-    else:
-        size = f"{recording.n_pulses} frames of {recording.n_range_bins} range bins"
-        print_message(f"{written}: {size} at {recording.radar.prf_hz:g} Hz")
+    size = f"{recording.n_pulses} frames of {recording.n_range_bins} range bins at {recording.radar.prf_hz:g} Hz"
+    print_json(facts) if as_json else print_message(f"{written}: {size}")
 
 
 def make_motion_table(motion: str) -> dict[str, Any]:

@@ -81,8 +81,8 @@ def import_dataset(
     named = Path(labels).name if isinstance(labels, str | Path) else "names of files"
     entries = read_labels(labels, source, gate=settings.gate) if isinstance(labels, str | Path) else list(labels)
     planned = plan_entries(entries, settings, named)
-    if len({one.split for one in planned}) > 1 and not any(entry.subject for entry in entries):
-        warn_caller(f"{named}: names no subject; recordings of one body may be in several splits")
+    if len({one.split for one in planned if not one.entry.subject}) > 1:
+        warn_caller(f"{named}: subjects are missing; one body may be in several splits")
     recordings = dict.fromkeys(one.entry.recording for one in planned)
     hashes = {recording: hash_recording(source, recording) for recording in recordings}
     plugins = identify_plugins(settings.model_dump(mode="json"), {"radar_reader": [source / name for name in hashes]})

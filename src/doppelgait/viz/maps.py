@@ -142,15 +142,16 @@ def plot_map(
     level_db: FloatArray,
     db_range: tuple[float, float] | float | None,
     cmap: str | None = None,
+    colours: str = style.MAP_COLOURS,
 ) -> ScalarMappable:
     """Plot levels of shape (y, x), clipped to limits or to a dynamic range."""
     limits_db = level_limits_db(level_db, db_range)
     clipped = np.clip(level_db, *limits_db)
     of_user, usual = rcParams["image.cmap"], rcParamsDefault["image.cmap"]
-    chosen = cmap or (style.MAP_COLOURS if of_user == usual else of_user)
-    if chosen not in colormaps:
+    chosen = cmap or (colours if of_user == usual else of_user)
+    if isinstance(chosen, str) and chosen not in colormaps:
         raise AnalysisError(f"cmap = {chosen!r}: Matplotlib has no such colour map, such as magma")
-    palette = colormaps[chosen].with_extremes(bad=NO_DATA)
+    palette = colormaps.get_cmap(chosen).with_extremes(bad=NO_DATA)
     settings: dict[str, Any] = {"cmap": palette, "vmin": limits_db[0], "vmax": limits_db[1]}
     x_edges, y_edges = compute_cell_edges(x), compute_cell_edges(y)
     if x_edges and y_edges:

@@ -217,16 +217,15 @@ def signature(
     >>> import doppelgait as dg
     >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> figure = dg.viz.range_time(recording.baseband, cmap="viridis", db_range=30.0)
     >>> figure = dg.viz.signature(result.signature)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Micro-Doppler signature', 'time (s)')
-    >>> len(dg.viz.range_time(recording.baseband, cmap="viridis", db_range=30.0).axes)
-    2
     """
     wavelength = wavelength_m(check_signature(signature))
     axes = style.make_axes(ax)[1]
-    if isinstance(doppler_hz, int | float):
-        doppler_hz = (-doppler_hz, doppler_hz)
+    if doppler_hz is not None and np.ndim(doppler_hz) == 0:
+        doppler_hz = (-float(doppler_hz), float(doppler_hz))  # type: ignore[arg-type]
     limits_hz = doppler_hz or doppler_limits_hz(
         signature, lines_hz=() if truth_doppler is None else truth_doppler.values
     )
@@ -236,7 +235,8 @@ def signature(
         signature.coords["doppler"].values,
         compute_level_db(signature.values).T,
         db_range,
-        cmap or (None if truth_doppler is None else style.OVERLAY_COLOURS),
+        cmap,
+        style.MAP_COLOURS if truth_doppler is None else style.OVERLAY_COLOURS,
     )
     width_s = axes.get_xlim()
     if truth_doppler is not None:

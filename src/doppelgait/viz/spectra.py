@@ -74,11 +74,10 @@ def cadence_spectrum(
     >>> import doppelgait as dg
     >>> recording = dg.data.sample()
     >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> figure = dg.viz.cadence_map(result.cadence_map, cmap="gray")
     >>> figure = dg.viz.cadence_spectrum(result.cadence_spectrum)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Cadence spectrum', 'cadence (Hz)')
-    >>> len(dg.viz.cadence_map(result.cadence_map, cmap="gray").axes)
-    2
     """
     axes = style.make_axes(ax, height_in=4.6)[1]
     cropped = _crop(check_array(spectrum, CADENCE_SPECTRUM), max_cadence_hz, gait_frequency_hz)

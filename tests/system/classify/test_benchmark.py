@@ -99,11 +99,13 @@ def test_a_perfect_classifier_has_perfect_scores_and_a_blind_one_none(folder, tm
     assert found["alarm"]["false_per_animal_hour"]["value"] == 0
     assert found["expected_calibration_error"] == pytest.approx(0.01)
     assert bench.score_part(dataset, np.full(human.size, 0.3))["auc"]["value"] == 0.5
-    for wrong in (np.full(human.size, np.nan), np.full(human.size, "human"), human[1:], human + 1):
+    for wrong in (np.full(human.size, np.nan), ["yes", *human[1:]], human[1:], human + 1):
         with pytest.raises(ConfigError, match="a classifier must answer"):
             bench.score_part(dataset, wrong)
-    (tmp_path / "cheat.py").write_text("def answer(train, test):\n    return (test.index['label'] == 'human') * 1.0")
-    assert not bench.open_classifier(f"{tmp_path / 'cheat.py'}:answer")(dataset, dataset).any()
+    (tmp_path / "cheat.py").write_text("def answer(train, test):\n    return test.index")
+    seen = bench.open_classifier(f"{tmp_path / 'cheat.py'}:answer")(dataset, dataset)
+    assert {"motion", "subject", "rcs_total_m2", "snr_frame_db", "truth_range_m"} <= {*dataset.index} - {*seen}
+    assert (set(seen["label"]), seen["id"].tolist()) == ({"hidden"}, [str(n) for n in range(len(seen))])
 
 
 def test_levels_are_matched_for_people_and_animals_alone(folder, monkeypatch):
@@ -125,5 +127,5 @@ def test_other_data_and_unknown_classifiers_are_told(folder, monkeypatch):
     with pytest.raises(DatasetError, match="torch is not installed"):
         bench.open_classifier("spectrogram")
     for name in ("nothing.py:answer", f"{folder / 'mine.py'}:nothing"):
-        with pytest.raises(ConfigError, match="name it as FILE"):
+        with pytest.raises(ConfigError, match="no such file or function"):
             bench.open_classifier(name)
