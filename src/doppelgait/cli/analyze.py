@@ -123,7 +123,7 @@ def analyze(
     if figures is None and (only or cmap or db_range or doppler_hz):
         raise ConfigError("--only, --cmap, --db-range, --doppler-hz: need --figures")
     if doppler_hz is not None and not doppler_hz[0] < doppler_hz[1]:
-        raise ConfigError(f"--doppler-hz {doppler_hz[0]:g} {doppler_hz[1]:g}: must be in rising order")
+        raise ConfigError(f"--doppler-hz {doppler_hz[0]:g} {doppler_hz[1]:g}: must rise")
     settings, tracking = parse_analysis({"method": method}, changes)
     loaded = open_recording(recording, options)
     choice, chosen = Gate.parse(windows["gate"], where="--gate"), WindowOptions(**windows)

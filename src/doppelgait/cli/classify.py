@@ -50,7 +50,7 @@ def classify(
     """Classify a recording's targets with calibrated probabilities.
 
     Where the model does not decide, the reason is printed. A model with a network of tracks decides
-    in windows: a table of tracks, and a timeline of the decisions about them. Any model does so with
+    in windows: a table of tracks, and a timeline of the decisions about them. Any model does so by
     --window-s or --hop-s; else every target is decided by its longest segment, as are recordings
     shorter than two windows, results, and other gates than tracks.
 
@@ -94,7 +94,7 @@ def classify(
             _print_over_time(over_time, head, as_json=as_json)
             if over_time and not as_json:
                 explain_model(loaded, model, "in two windows in succession, ")
-                print_message("note: a decision stays until another is sure, with its last probability")
+                print_message("note: a decision stays until another is sure, its probability changes")
             return
         decisions = run_classification(read, loaded, gate=choice, analysis=settings, tracking=tracking)
     if as_json:

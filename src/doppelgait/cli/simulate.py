@@ -97,7 +97,7 @@ def simulate(
     range_m: Annotated[float | None, typer.Option("--range", help="Ground range at mid-observation, m.")] = None,
     duration: Annotated[float | None, typer.Option("--duration", help="Observation time, s.")] = None,
     snr_db: Annotated[float | None, typer.Option("--snr-db", help="SNR_frame, dB; inf for no noise.")] = None,
-    data_type: Annotated[str | None, typer.Option(help="XeThru record, for example datafloat.")] = None,
+    data_type: Annotated[str | None, typer.Option(help="XeThru record, such as datafloat.")] = None,
     start_time: Annotated[str | None, typer.Option(help="Start of a XeThru recording.")] = None,
     session_id: Annotated[str | None, typer.Option(help="Session of a XeThru recording.")] = None,
     as_json: AsJson = False,

@@ -464,7 +464,7 @@ def open_dataset(directory: str | Path, *, classes: Sequence[str] | None = None)
     ----------
     classes : sequence of str, optional
         Labels in the order of their numbers, as of a network that was trained on another dataset.
-        By default the order of ``dataset.json``: of the plan, or of the lines of an import's labels.
+        By default the order of ``dataset.json``: of the plan, or of the lines of labels imported.
 
     Raises
     ------
