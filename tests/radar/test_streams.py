@@ -518,7 +518,8 @@ def test_the_17th_client_takes_the_place_of_the_oldest_without_a_frame(sent):
         for client in (oldest, *others):
             send(client, sent)
         send(clients.enter_context(connect(stream)), OPENING + frames())
-        assert oldest.recv(1) == b""
+        with suppress(ConnectionResetError):  # where its header was not read yet
+            assert oldest.recv(1) == b""
         wait_until(lambda: stream.waiting)
         stream.close()
         assert [text for text in take(stream)[2] if text.endswith("are refused: there are 16 others")]
